@@ -159,7 +159,7 @@ TEST_CASE("held: with fewer effects it looks the same at those drivers, and goes
         if constexpr (!has_effect<Fewer, Kappa>)
             for_eyes([&]<std::size_t eye>() {
                 if constexpr (eye_turns<Fewer, eye>)
-                    of_eye<eye>(d.gaze) = optical_drivers(all.eyes, at).gaze[eye];
+                    of_eye<eye>(d.gaze) = optical_drivers(all.eyes, at).drivers.gaze[eye];
             });
         const auto x = driven(a, d);
         const auto y = driven(all, at);

@@ -169,7 +169,8 @@ TEST_CASE("tensors of a trained avatar have a checkpoint's names; what is off ha
 
 TEST_CASE("an eye's driven features are written alone, and are those of both") {
     const auto a = avatar_of_trained();
-    const auto drivers = restricted<TrainedEffects>(tiny_drivers<double>());
+    const OpticalDrivers<double, TrainedEffects> drivers(
+        restricted<TrainedEffects>(tiny_drivers<double>()));
     const FrameCode<double, TrainedEffects> code = frame_code(tiny_config(), drivers);
     Columns<double> both(5, a.eyes.position.cols()), alone = both;
     alone.setConstant(-1);

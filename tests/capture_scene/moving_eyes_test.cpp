@@ -73,7 +73,8 @@ TrainState with_offset(bool measured) {
     for (int step = 0; step < steps; ++step) {
         Offset::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
         const int frame = capture.train[static_cast<std::size_t>(step) % capture.train.size()];
-        const auto code = frame_code(config, frame_drivers(capture, frame, s.config.gaze_axis));
+        const auto code = frame_code(
+            config, OpticalDrivers<float>(frame_drivers(capture, frame, s.config.gaze_axis)));
         const Columns<float> moved =
             eye_offset<float>(train_backend(), offset, config, code, trace);
         const LossTerm<float> term = eye_offset_term<float>(

@@ -290,18 +290,10 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
 #endif
     Gaussians<T>& g = t.gaussians;
     g.feature.middleCols(begin, all) = eyes.feature;
-    const auto exponential = [](const T& v) { return T(std::exp(v)); };
-#if !WITHOUT_HEAD_POSE
-    g.scale.middleCols(begin, all) = eyes.log_scale.unaryExpr(exponential) * t.head.scale;
-#else
-    g.scale.middleCols(begin, all) = eyes.log_scale.unaryExpr(exponential);
-#endif
-    g.opacity.middleCols(begin, all) = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     const auto place = [&](Index first, EyeTransform<T>& eye) {
         const std::size_t at = first == 0 ? 0 : 1;
         const Index n = counts[at];
         const Columns<T> points = eyes.position.middleCols(first, n);
-        const Columns<T> rotations = eyes.rotation.middleCols(first, n);
         const Cornea<T> cornea = cornea_of(eyes.cornea, at);
         const Vec3<T> camera = into_eye(eye, drivers.camera);
         t.placed[at] = eye;
@@ -334,8 +326,25 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
             }
         }
 #endif
-        g.mean.middleCols(begin + first, n) = eye_points<T>(eye, seen);
-        g.rotation.middleCols(begin + first, n) = eye_rotations<T>(eye, rotations);
+        const GaussianArrays<T> out = columns_from(arrays_of(g), {begin + first, n});
+        const T* const log_scale = eyes.log_scale.data() + 3 * first;
+        const T* const rotation = eyes.rotation.data() + 4 * first;
+        for_chunks(Serial{}, n, 256, [&](Index b, Index e, Index) {
+            for (Index i = b; i < e; ++i) {
+                put_column<3>(eye.apply(column3(seen.data(), i)), out.mean.data, i);
+                put_column<4>(quat_product<T>(eye.quaternion, column4(rotation, i)),
+                              out.rotation.data, i);
+                for (Index k = 0; k < 3; ++k) {
+                    const T scale = drawn_scale(log_scale[3 * i + k]);
+#if !WITHOUT_HEAD_POSE
+                    out.scale.data[3 * i + k] = scale * t.head.scale;
+#else
+                    out.scale.data[3 * i + k] = scale;
+#endif
+                }
+                out.opacity.data[i] = drawn_opacity(eyes.opacity_logit(0, first + i));
+            }
+        });
     };
     EyeTransform<T> left = eye_at<T>(centre.col(0)), right = eye_at<T>(centre.col(1));
 #if !WITHOUT_LEFT_GAZE

@@ -61,7 +61,7 @@ struct Errors {
 void compare(const std::string& right, const std::string& other) {
     const Capture a = read_valid_capture(right), b = read_valid_capture(other);
     require(a.frame_count() == b.frame_count(), other, "has other frames");
-    Errors gaze, rotation, translation, expression;
+    Errors gaze, rotation, translation, expression, cameras;
     for (const int f : a.train) {
         const CaptureFrame &p = a.frames[static_cast<std::size_t>(f)],
                            &q = b.frames[static_cast<std::size_t>(f)];
@@ -73,10 +73,20 @@ void compare(const std::string& right, const std::string& other) {
         translation.add(100 * (p.pose - q.pose).tail<3>().norm());
         for (std::size_t k = 0; k < p.expression.size(); ++k)
             expression.add(static_cast<double>(p.expression[k] - q.expression[k]));
+        for (int c = 0; c < std::min(a.camera_count(), b.camera_count()); ++c) {
+            if (!a.view(f, c).present || !b.view(f, c).present) continue;
+            for (Index l = 0; l < p.landmarks.cols(); ++l) { // where either camera shows them
+                const Vec3<double> x = p.landmarks.col(l);
+                cameras.add((a.camera(f, c).project_point(x) - b.camera(f, c).project_point(x))
+                                .head<2>()
+                                .norm());
+            }
+        }
     }
-    std::printf("gaze %.2f deg (rms %.2f), head %.3f deg and %.2f mm, expression rms %.4f: %s\n",
+    std::printf("gaze %.2f deg (rms %.2f), head %.3f deg and %.2f mm, expression rms %.4f, "
+                "cameras %.3f px: %s\n",
                 gaze.mean(), gaze.rms(), rotation.mean(), translation.mean(), expression.rms(),
-                other.c_str());
+                cameras.mean(), other.c_str());
 }
 
 } // namespace

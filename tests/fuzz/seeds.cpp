@@ -299,6 +299,18 @@ void experiments() {
                 "\"avatar\":", "\"gaze_mechanism\":", "\"none\"", "[[[["});
 }
 
+/// The cameras of a run.
+void corrected() {
+    const std::string camera =
+        R"({"intrinsic":[900,901.5,128,127],"extrinsic":[1,0,0,0.1,0,1,0,-0.2,0,0,1,10]})";
+    seed("corrected_cameras", "one",
+         R"({"cameras":[{"camera":"05","wrong":)" + camera + R"(,"right":)" + camera + "}]}");
+    seed("corrected_cameras", "none", std::string(R"({"cameras":[]})"));
+    dictionary("corrected_cameras",
+               {"\"cameras\":", "\"camera\":", "\"wrong\":", "\"right\":", "\"intrinsic\":",
+                "\"extrinsic\":", "null", "-1", "1e999", "{}"});
+}
+
 /// What imports read: their own record, and an export of VHAP.
 void imports() {
     seed("import_record", "two",
@@ -361,6 +373,7 @@ int main(int count, char** words) try {
     sources();
     checkpoints();
     experiments();
+    corrected();
     imports();
     lpips();
     return 0;

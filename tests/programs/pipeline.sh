@@ -119,8 +119,11 @@ for frame in turned/params/*; do
 done
 "$rye" info straight1 > info.txt
 grep -q "head poses: .* deg off, aligned" info.txt && { cat info.txt; fail "refined poses are off"; }
-sed 's/^{"avatar"/{"correct_labels": true, "correct_colours": true, "avatar"/' small.json > corrected.json
+sed 's/^{"avatar"/{"correct_labels": true, "correct_colours": true, "correct_cameras": true, "avatar"/' \
+    small.json > corrected.json
 "$rye" train --capture turned --preset tiny --config corrected.json --out corrected > log.txt
+grep -q "^cameras: too few irises are seen" log.txt || { cat log.txt; fail "no word of cameras"; }
+[ ! -e corrected/cameras.json ] || fail "cameras that were not judged are corrected"
 grep -q "^stage 2 goes on refining the head poses" log.txt || { cat log.txt; fail "poses are left"; }
 head -n 1 corrected/log.jsonl | grep -q '"stage":"labels"' || fail "the log does not tell of labels"
 grep -q '"centre_corrections": true' corrected/config.json || fail "config.json does not tell"

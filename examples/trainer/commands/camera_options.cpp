@@ -20,8 +20,8 @@ constexpr double degree = 3.14159265358979323846 / 180;
 
 Vec3<double> vector_of(const std::vector<double>& v) { return {v[0], v[1], v[2]}; }
 
-/// The same view in another size: the vertical field of view stays, and so does the principal
-/// point's place on the height and on the middle column.
+/// Returns the same view in another size, with the vertical field of view and the principal point's
+/// position relative to the height and to the middle column.
 Pinhole<double> resized(Pinhole<double> camera, const ImageSize& size) {
     const double factor = static_cast<double>(size.height) / camera.height;
     camera.cx = 0.5 * size.width + factor * (camera.cx - 0.5 * camera.width);
@@ -47,8 +47,8 @@ Pinhole<double> placed(const CameraOptions& o, const Pinhole<double>& usual,
     return c;
 }
 
-/// Throws Error for a picture that as floats and as bytes takes more than memory_limit(): a list of
-/// cameras is small, whatever sizes it has.
+/// Throws an Error for a picture that takes more than memory_limit() as floats and as bytes: a
+/// small list of cameras can state any size.
 void require_room(const CameraOptions& o, const Pinhole<double>& c) {
     const auto pixels = static_cast<std::uint64_t>(c.width) * static_cast<std::uint64_t>(c.height);
     require_memory(pixels * 3 * (sizeof(float) + 1), memory_limit(),

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// commands/camera_options.hpp: a camera of one's own as options: --eye, --look-at, --up, --fov and
+/// commands/camera_options.hpp: a user's camera as options: --eye, --look-at, --up, --fov and
 /// --size, or --cameras FILE and --view.
 #pragma once
 
@@ -15,7 +15,7 @@ class App;
 
 namespace rye::trainer {
 
-/// Options that were given; the command chooses the camera that the rest comes from.
+/// Values of the options; the command chooses the camera for the rest.
 struct CameraOptions {
     std::vector<double> eye, look_at, up; ///< world units; empty: not given
     double fov_deg = 0;                   ///< vertical; 0: not given
@@ -26,7 +26,7 @@ struct CameraOptions {
     bool given() const { return !eye.empty() || !file.empty(); }
 };
 
-/// What a command takes for an option that is not given, as its help says it: "0,-1,0".
+/// Default of each option in its help, such as "0,-1,0".
 struct CameraDefaults {
     std::string look_at, up, fov, size;
 };
@@ -34,10 +34,10 @@ struct CameraDefaults {
 /// Adds the options, each with its own default in its help.
 void add_camera_options(CLI::App& command, CameraOptions& options, const CameraDefaults& defaults);
 
-/// The cameras that were given: one, or all of --cameras if --view was not. What is missing is that
-/// of `usual`, and the point to look at `middle`; of none, `usual` itself, in the size of --size.
-/// Throws Error for what is out of range. A lens that bends is left out, with a note on standard
-/// error.
+/// Returns the given cameras: one, or all of --cameras without --view. Missing values are those of
+/// `usual`, and the point to look at `middle`; without any option it is `usual` itself, in the size
+/// of --size. Throws an Error for values out of range. Ignores a lens with distortion, with a note
+/// on standard error.
 std::vector<Pinhole<double>> own_cameras(const CameraOptions& options, const Pinhole<double>& usual,
                                          const Vec3<double>& middle);
 

@@ -33,7 +33,7 @@ fs::path beside(const fs::path& out, const char* suffix) {
     return path;
 }
 
-/// An existing folder is replaced only with --overwrite, and only if it is a capture.
+/// Throws an Error if --out exists, unless --overwrite is given and it is a capture.
 void check_out(const Options& o) {
     const std::string who = o.out.string();
     require(!o.out.empty() && (o.out.has_filename() || o.out.has_parent_path()), "capture",

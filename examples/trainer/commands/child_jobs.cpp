@@ -29,10 +29,10 @@ using Clock = std::chrono::steady_clock;
 volatile std::sig_atomic_t stop_signal = 0;
 void note_stop(int signal) { stop_signal = signal; }
 
-/// This program's file, though it may have been replaced since it started.
+/// This program's file, even if it has been replaced since it started.
 constexpr const char* self = "/proc/self/exe";
 
-/// SIGINT and SIGTERM are noted instead of obeyed, as long as it lives.
+/// Recorder of SIGINT and SIGTERM, which are noted instead of obeyed during its life.
 class NotedStops {
   public:
     NotedStops() {
@@ -53,7 +53,7 @@ class NotedStops {
 };
 
 /// Starts a command. Its process has a group of its own, so that the terminal's SIGINT reaches this
-/// process alone, which hands it on once.
+/// process alone, which forwards it once.
 pid_t start(const std::vector<std::string>& command, const fs::path& log) {
     std::vector<std::string> words{"rye"};
     words.insert(words.end(), command.begin(), command.end());
@@ -68,7 +68,7 @@ pid_t start(const std::vector<std::string>& command, const fs::path& log) {
             "cannot be written: ", [&] { return std::strerror(errno); });
     const pid_t parent = ::getpid();
     const pid_t child = ::fork();
-    if (child == 0) { // between fork and exec only what is safe in a signal handler
+    if (child == 0) { // between fork and exec, only calls that are safe in a signal handler
 #ifdef __linux__
         ::prctl(PR_SET_PDEATHSIG, SIGTERM);
 #endif
@@ -112,7 +112,7 @@ int run_children(std::vector<ChildJob> jobs, int at_once,
     std::list<std::size_t> waiting;
     for (std::size_t i = 0; i < jobs.size(); ++i) waiting.push_back(i);
     Clock::time_point looked{};
-    /// The first job that may start; the end of the list where none may.
+    /// Returns the first job that may start, or the end of the list.
     const auto next_ready = [&] {
         const auto now = Clock::now();
         const bool looks = running.empty() || now - looked > std::chrono::milliseconds(300);
@@ -162,7 +162,7 @@ int run_children(std::vector<ChildJob> jobs, int at_once,
             continue;
         }
         const bool done = code == 0 && r.command + 1 == job.commands.size();
-        if (stop_signal != 0 && !done) continue; // stopped, which is no failure
+        if (stop_signal != 0 && !done) continue; // stopped, not failed
         const fs::path errors = job.log.string() + ".errors";
         ended(r.job, {code, code == 0 ? "" : last_line(errors),
                       std::chrono::duration<double>(Clock::now() - r.began).count()});

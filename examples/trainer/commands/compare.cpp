@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye compare`: trains and evaluates lists of configurations by `rye train` and `rye evaluate`,
-/// for several seeds and captures, and writes their tables. What is there already is kept.
+/// for several seeds and captures, and writes their tables. Keeps existing results.
 #include <algorithm>
 #include <cstdio>
 #include <iostream>
@@ -44,14 +44,14 @@ void write_text(const fs::path& path, const std::string& text) {
     write_atomic(path, std::as_bytes(std::span(text)));
 }
 
-/// A configuration, seed and capture, which rows of several tables may share.
+/// Configuration, seed and capture, which rows of several tables may share.
 struct PlannedRun {
     fs::path folder, capture_folder;
-    std::string capture, name; ///< name: for messages
+    std::string capture, name; ///< for messages
     TrainConfig config;
     std::string failure;
-    const PlannedRun* first = nullptr; ///< whose stage 1 is this one's too; null: its own
-    bool ended = false;                ///< or never begun, as there is nothing to do
+    const PlannedRun* first = nullptr; ///< run whose stage 1 it shares; null: its own
+    bool ended = false;                ///< true also if there was nothing to do
 };
 
 class Comparison {
@@ -66,7 +66,7 @@ class Comparison {
     }
     const std::vector<Experiment>& all() const { return experiments_; }
 
-    /// Returns the exit code.
+    /// Runs the command; returns the exit code.
     int run() {
         require(!o_.out.empty(), "rye compare",
                 "--out is missing, expected a folder for runs and tables");
@@ -74,7 +74,7 @@ class Comparison {
         std::error_code fault;
         fs::create_directories(o_.out, fault);
         require(!fault, o_.out.string(), "cannot be made: ", [&] { return fault.message(); });
-        // Children hold it too, so that a training whose parent was killed is waited for.
+        // Children hold it too, so that it waits for a training whose parent was killed.
         const FolderLock lock(o_.out, {"rye compare", 30, true});
         for (const auto& [folder, run] : runs_) check_there(run);
         share_stage_one();
@@ -141,7 +141,7 @@ class Comparison {
         return all;
     }
 
-    /// Fields that --config and --steps give all rows.
+    /// Returns the fields that --config and --steps give all rows.
     Json base() const {
         Json json;
         if (!o_.config.empty()) json = read_json<Json>(o_.config, JsonComments::skipped);
@@ -174,7 +174,7 @@ class Comparison {
         return folder_name(whole.filename().string());
     }
 
-    /// The folder of a row's run.
+    /// Returns the folder of a row's run.
     fs::path folder_of(const std::string& capture, const ExperimentRow& row,
                        std::uint64_t seed) const {
         return o_.out / "runs" / capture / row.run / ("seed_" + std::to_string(seed));
@@ -211,7 +211,7 @@ class Comparison {
                 }
     }
 
-    /// Error if the folder holds a run of another configuration.
+    /// Throws an Error if the folder holds a run of another configuration.
     void check_there(const PlannedRun& run) const {
         const fs::path config = run.folder / "config.json";
         if (!fs::exists(checkpoint_path(run.folder)) || !fs::exists(config)) return;
@@ -221,13 +221,13 @@ class Comparison {
                 ", as this table has it; name another --out, or remove that run");
     }
 
-    /// Stage 1 is trained once for runs that agree in all that it reads: by the first that has one,
-    /// or else by the first.
+    /// Lets runs that agree in all fields that stage 1 reads share it: that of the first run that
+    /// has one, or else of the first run.
     void share_stage_one() {
         std::map<std::string, std::vector<PlannedRun*>> groups;
         for (const fs::path& folder : order_) {
             PlannedRun& run = runs_.at(folder);
-            // Runs that a device cannot take have the CPU's stage 1.
+            // Runs without kernels have the CPU's stage 1.
             const bool on_device =
                 has_device_kernels() && o_.device != "cpu" && without_kernels(run.config).empty();
             groups[run.capture + (on_device ? " on a device " : " ") +
@@ -311,7 +311,7 @@ class Comparison {
                 if (there)
                     own.commands.front().insert(own.commands.front().end(),
                                                 {"--begin", first->folder.string()});
-                return there || first->ended; // in vain: this one makes its own
+                return there || first->ended; // failed: this run trains its own
             };
         return job;
     }
@@ -348,7 +348,7 @@ class Comparison {
         }
     }
 
-    /// Returns what the table says of the sheet; nothing without a picture.
+    /// Writes the sheet; returns the table's text about it, or nothing without a picture.
     std::string write_sheet(const Experiment& e, const std::vector<ComparedRun>& results,
                             const std::string& capture) const {
         const ContactSheet sheet = contact_sheet(e, results, capture, "evaluate_" + o_.split);

@@ -26,7 +26,7 @@ std::string number(double x, int digits) {
     return text.data();
 }
 
-/// A word for a CSV file: quoted where it has to be.
+/// Returns a word for a CSV file, quoted if necessary.
 std::string quoted(const std::string& word) {
     if (word.find_first_of(",\"\n") == std::string::npos) return word;
     std::string out = "\"";
@@ -40,7 +40,7 @@ const Metric& metric_named(std::string_view name) {
     throw Error("rye compare: got the column '" + std::string(name) + "', which is no metric");
 }
 
-/// Groups of results.json, and what a table calls them.
+/// Groups of results.json, with their names in a table.
 constexpr std::array<std::array<const char*, 2>, 3> groups{
     {{"all", "all frames"}, {"novel gaze", "new directions"}, {"independent eyes", "eyes apart"}}};
 
@@ -50,13 +50,13 @@ const nlohmann::json* group_of(const ComparedRun& run, const std::string& group)
     return found == run.results.end() ? nullptr : &*found;
 }
 
-/// The photograph and the render of what rye evaluate put side by side.
+/// Returns the photograph and the render of a picture that rye evaluate put side by side.
 std::array<Image<float>, 2> photograph_and_render(const fs::path& path) {
     const Image<float> all = to_float(read_image8(path, 3));
     return {row_part(all, 0, 3), row_part(all, 1, 3)};
 }
 
-/// A part of a picture around a rectangle, enlarged to the picture's width.
+/// Returns a picture's part around a rectangle, enlarged to the picture's width.
 Image<float> close_up(const Image<float>& picture, const std::array<int, 4>& box) {
     const auto [x, y, w, h] = box;
     const int zoom = std::clamp(picture.width / std::max(w, 1), 1, 8);

@@ -38,7 +38,7 @@ std::string first_line(const std::string& text) { return text.substr(0, text.fin
 /// Candidates for the words after a command: its options, and values of a choice without a name.
 struct Words {
     std::vector<std::string> options, choices;
-    bool files = false; ///< it takes a file without a name
+    bool files = false; ///< true if it takes a file without a name
 };
 
 Words words_of(const CLI::App& command) {
@@ -61,7 +61,7 @@ std::string names_of(const CLI::App& app) {
     return joined(names);
 }
 
-/// In single quotes, for a shell.
+/// Returns a text in single quotes, for a shell.
 std::string quoted(const std::string& text) { return "'" + replaced(text, "'", "'\\''") + "'"; }
 
 } // namespace
@@ -115,7 +115,7 @@ std::string bash_completion(const CLI::App& app) {
 }
 
 std::string zsh_completion(const CLI::App& app) {
-    // In the specifications of _arguments brackets and colons have a meaning.
+    // Brackets and colons are special in the specifications of _arguments.
     const auto plain = [](const std::string& text) {
         return replaced(replaced(replaced(first_line(text), "[", "("), "]", ")"), ":", "\\:");
     };
@@ -213,7 +213,7 @@ std::string fish_completion(const CLI::App& app) {
 
 namespace {
 
-/// Text between macros: hyphens stay hyphens, and no line begins a macro.
+/// Returns text between macros: hyphens stay hyphens, and no line begins a macro.
 std::string roff(const std::string& text) {
     std::string out = replaced(replaced(text, "\\", "\\e"), "-", "\\-");
     out = replaced(replaced(out, "`", "\\(ga"), "'", "\\(aq");
@@ -227,7 +227,7 @@ std::string roff(const std::string& text) {
     return safe;
 }
 
-/// Words in upper case that stand for the value, such as FILE or PITCH,YAW.
+/// Returns the words in upper case that stand for the value, such as FILE or PITCH,YAW.
 std::string value_word(const CLI::Option& o) {
     const OptionValue v = value_of(o);
     switch (v.kind) {
@@ -288,7 +288,7 @@ struct TextOptions {
     std::filesystem::path out;
 };
 
-/// To --out, or else to standard output.
+/// Writes to --out, or else to standard output.
 void write_text(const std::string& text, const std::filesystem::path& out) {
     if (out.empty())
         std::cout << text;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// commands/completion.hpp: shell completion and the manual page, made of the same commands,
-/// options and sentences as --help.
+/// commands/completion.hpp: shell completion and the manual page, made of the commands, options and
+/// sentences of --help.
 #pragma once
 
 #include <string>
@@ -11,12 +11,12 @@ class App;
 
 namespace rye::trainer {
 
-/// Scripts that complete commands, options, their choices, files and folders.
+/// Returns a script that completes commands, options, their choices, files and folders.
 std::string bash_completion(const CLI::App& app);
 std::string zsh_completion(const CLI::App& app);
 std::string fish_completion(const CLI::App& app);
 
-/// A page for man(1), in the macros of man(7).
+/// Returns a page for man(1), in the macros of man(7).
 std::string manual_page(const CLI::App& app, const std::string& version);
 
 } // namespace rye::trainer

@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The frames of a folder: of a run, also of an older one, or of a capture.
+/// Returns the frames of a folder: of a run (also of an older one) or of a capture.
 Capture folder_frames(const fs::path& folder) {
     if (fs::exists(frames_path(folder))) return load_frames(folder, "");
     if (fs::exists(checkpoint_path(folder)))
@@ -41,8 +41,8 @@ std::vector<Drivers<float>> folder_drivers(const fs::path& folder, const TrainSt
     return all;
 }
 
-/// FIRST:LAST, two whole numbers of which the first is not the larger; throws Error, which begins
-/// with `who`, for anything else.
+/// Parses FIRST:LAST, two whole numbers with FIRST <= LAST; throws an Error that begins with `who`
+/// for anything else.
 std::pair<int, int> parsed_range(const std::string& text, const std::string& who) {
     int first = -1, last = -1;
     const char* const end = text.data() + text.size();
@@ -57,7 +57,7 @@ std::pair<int, int> parsed_range(const std::string& text, const std::string& who
     return {first, last};
 }
 
-/// The frames FIRST to LAST, for "FIRST:LAST".
+/// Returns the frames FIRST to LAST for "FIRST:LAST".
 std::vector<Drivers<float>> ranged(const std::vector<Drivers<float>>& all,
                                    const std::string& range) {
     if (range.empty()) return all;
@@ -67,7 +67,7 @@ std::vector<Drivers<float>> ranged(const std::vector<Drivers<float>>& all,
     return {all.begin() + first, all.begin() + last + 1};
 }
 
-/// The motion of `now` since `first`, in the head's axes of `first`, from the pose of `own` on.
+/// Applies to the pose of `own` the motion of `now` since `first`, in the head's axes of `first`.
 void follow(const Drivers<float>& first, const Drivers<float>& own, Drivers<float>& now) {
     const auto rotation = [](const Drivers<float>& d) {
         return so3_exp(Vec3<double>(d.pose.head<3>().cast<double>()));

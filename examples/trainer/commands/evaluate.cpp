@@ -16,6 +16,7 @@
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
 #include "data/checksums.hpp"
+#include "data/corrected_cameras.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
 #include "training/camera_colours.hpp"
@@ -41,7 +42,7 @@ std::string cell(const Mean& m, const char* format) {
     return text;
 }
 
-/// A row's name and its results.
+/// Name of a row and its results.
 using Row = std::pair<std::string, ViewResult>;
 
 void print_quality(const std::vector<Row>& rows) {
@@ -117,7 +118,7 @@ void print_centres(const CentreErrors& c) {
                 "motion is\nless each eye's mean difference.\n", c.eyes);
 }
 
-/// Gains that are taken out of the photographs, of each camera; null where none are.
+/// Returns each camera's gains, which are removed from the photographs; null without gains.
 Json gains_json(const Capture& capture) {
     Json gains;
     for (std::size_t c = 0; c < capture.camera_gains.size(); ++c) {
@@ -127,11 +128,20 @@ Json gains_json(const Capture& capture) {
     return gains;
 }
 
+/// Returns the names of cameras that were corrected for the training; null without any.
+Json corrected_json(const Capture& capture) {
+    Json names;
+    for (const CorrectedCamera& c : capture.corrected_cameras) names.push_back(c.camera);
+    return names;
+}
+
 void evaluate(const EvaluateOptions& o) {
     set_threads(o.threads);
     const TrainState state = load_trained(o.run);
     Capture capture = read_valid_capture(capture_folder(o.run, state, o.capture, "measuring"));
     require_same_subject(state, capture);
+    if (take_corrected(capture, load_corrected_cameras(o.run)) > 0 && !o.json)
+        std::printf("cameras with the numbers that were corrected before training are corrected\n");
     if (state.config.correct_colours && !capture.train.empty() && capture.has_gaze())
         correct_colours(capture, state.config);
     if (!capture.camera_gains.empty() && !o.json)
@@ -190,6 +200,7 @@ void evaluate(const EvaluateOptions& o) {
                     {"views", per_view.size()}, {"step", state.step},
                     {"device", drawer.name()},  {"missed_degrees", missed_degrees},
                     {"camera_gains", gains_json(capture)},
+                    {"corrected_cameras", corrected_json(capture)},
                     {"all", all.json()}};
     for (const auto& [name, r] : groups) results[name] = r.json();
     const CentreErrors centres = centre_errors(state, capture, frames);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye export`: the Gaussians of a trained head as a file for splat viewers: PLY, .splat, SPZ or
-/// GLB, by the name's extension. None stores the upsampler: colours are those of the low-resolution
-/// render.
+/// GLB, by the name's extension. These formats have no upsampler: colours are those of the
+/// low-resolution render.
 #include <algorithm>
 #include <array>
 #include <cstdio>
@@ -37,11 +37,11 @@ struct ExportOptions {
     int threads = 0;
 };
 
-/// The value of the constant harmonic: rgb = 0.5 + C0 f_dc.
+/// Value of the constant harmonic: rgb = 0.5 + C0 f_dc.
 constexpr float sh_constant_value = 0.28209479177387814f;
 
-/// Stored form of activated Gaussians; `flip` turns y up, z toward the viewer into the PLY's y
-/// down, z forward (half a turn about x). Harmonics up to `degree` are 0.
+/// Returns the stored form of activated Gaussians; `flip` rotates y up, z toward the viewer into
+/// the PLY's y down, z forward (half a turn about x). Harmonics up to `degree` are 0.
 GaussianCloud<float> cloud_of(const Gaussians<float>& g, bool flip, int degree) {
     GaussianCloud<float> c;
     c.mean = g.mean;
@@ -62,8 +62,8 @@ GaussianCloud<float> cloud_of(const Gaussians<float>& g, bool flip, int degree) 
     return c;
 }
 
-/// Throws Error for a combination of --out and --axes that would be upside down: SPZ and GLB state
-/// their axes, which a PLY and a .splat do not. A pipe or device gets a PLY.
+/// Returns the options. Throws an Error for a combination of --out and --axes that would be upside
+/// down: SPZ and GLB state their axes, unlike PLY and .splat. A pipe or device gets a PLY.
 SplatFileOptions file_options(const ExportOptions& o) {
     SplatFileOptions options;
     std::error_code none;
@@ -81,7 +81,7 @@ SplatFileOptions file_options(const ExportOptions& o) {
     return options;
 }
 
-/// Largest differences that the file's rounding makes; empty for formats that hold floats.
+/// Returns the largest differences by the file's rounding; empty for formats that store floats.
 std::string rounding(const GaussianCloud<float>& cloud, const Bytes& bytes, SplatKind kind) {
     if (kind != SplatKind::splat && kind != SplatKind::spz) return "";
     const std::string who = "rye export";

@@ -16,8 +16,8 @@
 namespace rye::trainer {
 namespace {
 
-/// The smallest PSNR [dB] of the file's pictures to those of what was exported: at the neutral
-/// drivers and with both eyes at each corner of their ranges, by the default camera.
+/// Returns the smallest PSNR [dB] of the file's pictures against those of the exported avatar: at
+/// the neutral drivers and with both eyes at each corner of their ranges, from the default camera.
 double least_psnr(const PlayableAvatar<float>& exported, const PlayableAvatar<float>& read) {
     AvatarPlayer<TrainBackend> right(train_backend(), exported), got(train_backend(), read);
     double least = std::numeric_limits<double>::infinity();

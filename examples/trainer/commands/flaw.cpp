@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye flaw`: copies a capture with chosen errors put in.
+/// `rye flaw`: copies a capture with chosen errors.
 #include <iostream>
 #include <memory>
 #include <vector>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye import KIND SOURCE --out CAPTURE`: makes a capture of other programs' data.
+/// `rye import KIND SOURCE --out CAPTURE`: converts other programs' data to a capture.
 #include <unistd.h>
 
 #include <algorithm>
@@ -28,7 +28,7 @@ struct Arguments {
 
 using Importer = ImportSummary (*)(const ImportOptions&);
 
-/// The kinds in the order of --help, for the error of another one.
+/// Returns the kinds in the order of --help, for the error about an unknown one.
 std::string kinds_of(const CLI::App& command) {
     std::string all;
     const auto kinds = command.get_subcommands([](const CLI::App*) { return true; });
@@ -37,8 +37,8 @@ std::string kinds_of(const CLI::App& command) {
     return all;
 }
 
-/// Prints the verdict of `rye info`, so that the next command is known; returns whether the capture
-/// is without errors.
+/// Prints the verdict of `rye info`, so that the next command is known; returns true if the capture
+/// has no errors.
 bool print_verdict(const std::filesystem::path& out, bool quiet) {
     std::vector<Problem> problems;
     const Capture capture = read_capture(out, {}, &problems);
@@ -139,8 +139,8 @@ void add_import(CLI::App& app) {
                                "layout (transforms_train.json)",
                                import_transforms),
                       a);
-    // A word that is no kind is left over with all that follows: it is blamed, not an option of a
-    // kind after it. (Kinds made after this would leave over what they do not know, too.)
+    // A word that is no kind is left over with all that follows, so that the error names it, not an
+    // option after it. (Kinds added after this call would also leave over what they do not know.)
     command->allow_extras();
     command->require_subcommand(0, 1);
     command->parse_complete_callback([command] {

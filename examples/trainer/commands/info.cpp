@@ -20,6 +20,7 @@
 #include "data/checksums.hpp"
 #include "data/validate.hpp"
 #include "training/camera_colours.hpp"
+#include "training/cameras.hpp"
 #include "training/device.hpp"
 #include "training/labels.hpp"
 
@@ -28,7 +29,7 @@ namespace {
 
 constexpr double degrees = 57.29577951308232;
 
-/// A line "label   text".
+/// Returns a line "label   text".
 std::string line(const std::string& label, const std::string& text) {
     return label + std::string(label.size() < 14 ? 14 - label.size() : 1, ' ') + text + "\n";
 }
@@ -50,7 +51,7 @@ struct Range {
     }
 };
 
-/// Runs of consecutive frames: "0000 to 0031, 0040".
+/// Returns runs of consecutive frames: "0000 to 0031, 0040".
 std::string frame_list(const Capture& c, std::vector<int> frames) {
     std::sort(frames.begin(), frames.end());
     std::string out = std::to_string(frames.size());
@@ -126,7 +127,8 @@ std::string describe_gaze(const Capture& c) {
            line("eye masks", c.has_eye_masks ? "in every view" : "not in every view");
 }
 
-/// The device that `rye train` would take, or why there is none; empty in a build without kernels.
+/// Returns the device that `rye train` would use, or why there is none; empty in a build without
+/// kernels.
 std::string describe_device(const DeviceFinding& device) {
     if (!device.built) return "";
     if (!device.found) return line("device", "none (" + device.reason + ")");
@@ -134,9 +136,11 @@ std::string describe_device(const DeviceFinding& device) {
                               number(device.found->total / 1e9, 1) + " GB free");
 }
 
-/// How far the labels of a capture that can be trained on are off. Corrects them in it.
-LabelFindings judged_labels(Capture& capture, const Verdict& verdict) {
+/// Returns the errors of the labels of a trainable capture; `cameras` receives those of its
+/// cameras, which come first. Corrects both in the capture.
+LabelFindings judged_labels(Capture& capture, const Verdict& verdict, CameraFindings& cameras) {
     if (verdict.errors > 0 || capture.train.empty() || !capture.has_gaze()) return {};
+    cameras = correct_cameras(capture, preset("cpu"));
     LabelFindings found = correct_labels(capture, preset("cpu"));
     found.all.push_back(correct_colours(capture, preset("cpu")));
     return found;
@@ -216,7 +220,10 @@ void add_info(CLI::App& app) {
             problems.push_back({Problem::Severity::warning, sentence});
         if (arguments->json) {
             nlohmann::ordered_json json = info_json(capture, problems);
-            const LabelFindings labels = judged_labels(capture, judge(capture, problems));
+            CameraFindings cameras;
+            const LabelFindings labels =
+                judged_labels(capture, judge(capture, problems), cameras);
+            json["camera_findings"] = cameras.empty() ? nlohmann::ordered_json() : cameras.json();
             json["label_findings"] = labels.empty() ? nlohmann::ordered_json() : labels.json();
             json["device"] = nullptr;
             if (const auto device = find_device().found)
@@ -232,8 +239,10 @@ void add_info(CLI::App& app) {
             std::cout << (error ? "error:   " : "warning: ") << p.message << "\n";
         }
         const Verdict verdict = judge(capture, problems);
-        for (const std::string& words : judged_labels(capture, verdict).lines())
-            std::cout << line("labels", words);
+        CameraFindings cameras;
+        const LabelFindings labels = judged_labels(capture, verdict, cameras);
+        for (const std::string& words : cameras.lines()) std::cout << line("calibration", words);
+        for (const std::string& words : labels.lines()) std::cout << line("labels", words);
         for (const std::string& words : verdict.expect) std::cout << "warning: " << words << "\n";
         std::cout << line("verdict", verdict.text());
         if (verdict.errors > 0) throw CLI::RuntimeError(1);

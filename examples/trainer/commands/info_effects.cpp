@@ -29,9 +29,9 @@ std::string number(double x) {
     return text;
 }
 
-/// The answer in its parts.
+/// Parts of the answer.
 struct Explanation {
-    std::string scene; ///< what was looked at, without the label and the end of its line
+    std::string scene; ///< what was examined, without label and line end
     SceneProfile profile;
     std::string checks; ///< further lines
 };
@@ -98,7 +98,7 @@ using SplatVariants =
              SplatVariant<1, true>, SplatVariant<2, false>, SplatVariant<2, true>,
              SplatVariant<3, false>, AllOfSplats>;
 
-/// A camera along the cloud's third axis with nearly all Gaussians in view.
+/// Returns a camera along the cloud's third axis with nearly all Gaussians in view.
 Pinhole<float> view_of(const GaussianCloud<float>& cloud) {
     Vec3<float> middle, reach;
     for (Index k = 0; k < 3; ++k) {
@@ -199,7 +199,7 @@ DriverFacts driver_facts(const Capture& c, GazeAxis axis) {
     return d;
 }
 
-/// Frames spread over a capture.
+/// Returns frames spread over a capture.
 std::vector<int> some_frames(const Capture& c, int most) {
     std::vector<int> frames;
     const int n = std::min(most, c.frame_count());

@@ -18,10 +18,11 @@ struct EffectsOptions {
     std::string variant;        ///< variant or effects to render with; empty: as the frames need
 };
 
-/// The choice, one line per effect, and the difference of its renders from those of all effects.
+/// Returns the choice, one line per effect, and the difference of its renders from those of all
+/// effects.
 std::string explain_effects(const EffectsOptions& options);
 
-/// The same as JSON; docs/program.md has the schema.
+/// Returns the report as JSON; docs/program.md has the schema.
 nlohmann::ordered_json effects_json(const EffectsOptions& options);
 
 } // namespace rye::trainer

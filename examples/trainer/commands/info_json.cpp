@@ -20,7 +20,7 @@ Json ids_of(const Capture& c, const std::vector<int>& frames) {
     return ids;
 }
 
-/// Least and largest (pitch, yaw) of an eye's optical axis [deg].
+/// Returns the smallest and the largest (pitch, yaw) of an eye's optical axis [deg].
 Json gaze_range(const Capture& c, std::size_t eye) {
     Vec2<double> low = Vec2<double>::Constant(1e9), high = -low;
     for (const CaptureFrame& f : c.frames) {
@@ -31,7 +31,7 @@ Json gaze_range(const Capture& c, std::size_t eye) {
     return {{"pitch", {low[0], high[0]}}, {"yaw", {low[1], high[1]}}};
 }
 
-/// Frames that a camera has.
+/// Returns the number of frames that a camera has.
 int frames_seen(const Capture& c, int camera) {
     int n = 0;
     for (int f = 0; f < c.frame_count(); ++f) n += c.view(f, camera).present ? 1 : 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// commands/info_json.hpp: what `rye info --json` prints; docs/program.md has its schema.
+/// commands/info_json.hpp: output of `rye info --json`; docs/program.md has its schema.
 #pragma once
 
 #include <vector>
@@ -10,7 +10,7 @@
 
 namespace rye::trainer {
 
-/// The contents of a capture, and the problems that reading and checking it found.
+/// Returns the contents of a capture, and the problems that reading and checking it found.
 nlohmann::ordered_json info_json(const Capture& capture, const std::vector<Problem>& problems);
 
 } // namespace rye::trainer

@@ -14,6 +14,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/corrected_cameras.hpp"
 #include "data/memory_limit.hpp"
 #include "data/run_frames.hpp"
 #include "data/validate.hpp"
@@ -115,7 +116,7 @@ bool has_own_frames(const std::filesystem::path& run) {
     return std::filesystem::exists(frames_path(run));
 }
 
-/// The capture of an older run.
+/// Returns the capture of an older run.
 std::filesystem::path old_capture(const std::filesystem::path& run, const TrainState& state) {
     require(std::filesystem::is_directory(state.capture), run.string(),
             "holds no frames.safetensors (older versions wrote none), and its capture is not at '",
@@ -150,6 +151,7 @@ ShownView shown_view(const std::filesystem::path& run, const TrainState& state,
         v.capture =
             read_valid_frame(contents, frame_id(contents, frame), camera_choices(contents, camera));
         require_same_subject(state, v.capture);
+        take_corrected(v.capture, load_corrected_cameras(run));
     }
     v.camera = camera_index(v.capture, camera, v.frame);
     return v;
@@ -184,7 +186,7 @@ std::function<std::string(const std::string&)> range_check(T least, T most) {
     return [least, most](const std::string& text) -> std::string {
         T x{};
         if (!CLI::detail::lexical_cast(text, x)) return "";
-        if (!(x < least || x > most)) return ""; // NaN: run_program's own words
+        if (!(x < least || x > most)) return ""; // NaN is reported by run_program
         return "got " + text + ", expected " + number_text(least) + " to " + number_text(most);
     };
 }

@@ -14,7 +14,7 @@
 namespace rye::trainer {
 namespace {
 
-/// Insertions, losses, changes and swaps of neighbours between two words.
+/// Returns the number of insertions, deletions, changes and swaps of neighbours between two words.
 std::size_t edits(const std::string& a, const std::string& b) {
     std::vector<std::vector<std::size_t>> d(a.size() + 1, std::vector<std::size_t>(b.size() + 1));
     for (std::size_t i = 0; i <= a.size(); ++i)
@@ -49,14 +49,15 @@ std::string meant(const std::string& word, const std::vector<std::string>& candi
     return near.empty() ? "" : ", did you mean '" + near + "'?";
 }
 
-/// The command that the first argument names; null without one.
+/// Returns the command that the first argument names, or null.
 const CLI::App* command_of(const CLI::App& app, int argc, char** argv) {
     for (const CLI::App* c : commands_of(app))
         if (argc > 1 && c->get_name() == argv[1]) return c;
     return nullptr;
 }
 
-/// Of a command line that names no command; empty if it does, or begins with an option.
+/// Returns the error for a command line that names no command; empty if it does, or begins with an
+/// option.
 std::string no_command(const CLI::App& app, int argc, char** argv) {
     const std::string all = "; `rye --help` lists them";
     if (argc < 2) return "no command is given" + all;
@@ -72,7 +73,7 @@ const CLI::Option* option_named(const CLI::App& command, const std::string& name
     return nullptr;
 }
 
-/// Of the first argument that the command does not know; empty if it knows all.
+/// Returns the error for the first argument that the command does not know; empty if it knows all.
 std::string unexpected(const CLI::App& app, const CLI::App& command) {
     std::vector<std::string> rest = command.remaining();
     if (rest.empty()) rest = app.remaining();
@@ -91,7 +92,7 @@ std::string unexpected(const CLI::App& app, const CLI::App& command) {
     return word + " is no option" + (near.empty() ? "; `" + program + " --help` lists them" : near);
 }
 
-/// CLI11's sentences in the words of rye: option, what it got, what is expected.
+/// Returns CLI11's sentences in the words of rye: the option, its value, the expected one.
 std::string reworded(const CLI::App& command, const CLI::ParseError& e) {
     const std::string text = e.what();
     const std::string convert = "Could not convert: ", in_set = " not in {";
@@ -136,8 +137,8 @@ std::string reworded(const CLI::App& command, const CLI::ParseError& e) {
     return text;
 }
 
-/// Why a text that CLI11 reads as a number is none to work with; empty if it is finite, or no number,
-/// which CLI11 says itself.
+/// Returns why a text that CLI11 reads as a number cannot be used; empty if it is finite, or no
+/// number, which CLI11 reports itself.
 std::string finite_fault(const std::string& text) {
     char* end = nullptr;
     const auto x = static_cast<double>(std::strtold(text.c_str(), &end));
@@ -145,8 +146,8 @@ std::string finite_fault(const std::string& text) {
     return !whole || std::isfinite(x) ? "" : "got '" + text + "', expected a finite number";
 }
 
-/// Options of a command and of those below it take finite numbers alone: CLI11 reads nan and inf,
-/// and its ranges let NaN pass.
+/// Makes the options of a command and of its subcommands accept finite numbers alone: CLI11 reads
+/// nan and inf, and its ranges let NaN pass.
 void refuse_non_finite(CLI::App& command) {
     for (CLI::Option* o : command.get_options())
         if (o->get_type_name().starts_with("FLOAT")) o->check(finite_fault);
@@ -169,7 +170,7 @@ std::string near_miss(const std::string& word, const std::vector<std::string>& c
     for (const std::string& c : candidates)
         if (const std::size_t n = edits(word, c); n < least) least = n, best = c;
     if (!best.empty()) return best;
-    constexpr std::size_t enough = 3; // letters of a beginning
+    constexpr std::size_t enough = 3; // letters at the beginning of a word
     const std::size_t dashes = std::min(word.find_first_not_of('-'), word.size());
     if (word.size() < dashes + enough) return "";
     for (const std::string& c : candidates)

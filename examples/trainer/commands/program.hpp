@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /// commands/program.hpp: the program around its commands: one sentence for a wrong command line,
-/// exit codes, and what completion scripts and the manual say of an option.
+/// exit codes, and the options as completion scripts and the manual describe them.
 ///
-/// Exit codes: 0 done; 1 the command ran, and its answer is no (`rye info`: not usable); 2 a wrong
-/// command line, an unusable input, or no memory or disk for the work. A training that a signal
-/// stops ends with 128 and the signal's number, as shells count.
+/// Exit codes: 0 success; 1 the command ran, and its answer is no (`rye info`: not usable); 2 a
+/// wrong command line, an unusable input, or no memory or disk for the work. A training stopped by
+/// a signal exits with 128 and the signal's number, as shells do.
 #pragma once
 
 #include <string>
@@ -17,18 +17,18 @@ class Option;
 
 namespace rye::trainer {
 
-inline constexpr int exit_no = 1;    ///< the answer of the command is no
-inline constexpr int exit_fault = 2; ///< it could not be done
+inline constexpr int exit_no = 1;    ///< the command's answer is no
+inline constexpr int exit_fault = 2; ///< the command failed
 
 /// Parses the command line, which runs the command; returns the exit code. Faults are one line on
 /// standard error, which begins with the program and the command.
 int run_program(CLI::App& app, int argc, char** argv);
 
-/// The candidate that the word most likely means: one that it begins, or one within a third of its
-/// length in inserted, lost, changed or swapped letters. Empty if there is none.
+/// Returns the candidate that the word most likely means: one that it begins, or one within a third
+/// of its length in inserted, deleted, changed or swapped letters. Empty if there is none.
 std::string near_miss(const std::string& word, const std::vector<std::string>& candidates);
 
-/// All commands of the program, or all options of a command that have a long name, in their order.
+/// Returns all commands of the program, or all options of a command with a long name, in order.
 std::vector<const CLI::App*> commands_of(const CLI::App& app);
 std::vector<const CLI::Option*> options_of(const CLI::App& command);
 
@@ -39,7 +39,7 @@ struct OptionValue {
 };
 OptionValue value_of(const CLI::Option& option);
 
-/// The description without a default that the help adds.
+/// Returns the description without a default that the help adds.
 std::string text_of(const CLI::Option& option);
 
 } // namespace rye::trainer

@@ -10,7 +10,7 @@
 namespace rye::trainer {
 namespace {
 
-/// Columns of the terminal; 0 if it does not tell.
+/// Returns the columns of the terminal; 0 if unknown.
 std::size_t terminal_width() {
     struct winsize size {};
     return ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 ? size.ws_col : 0;

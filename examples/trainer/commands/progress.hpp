@@ -10,17 +10,17 @@
 
 namespace rye::trainer {
 
-/// A number of the progress line, by its name in log.jsonl.
+/// Returns a number of the progress line, by its name in log.jsonl.
 std::string brief(const std::string& name, double value);
 
-/// A progress line: rewritten in place on a terminal, printed now and then elsewhere. On a terminal
-/// the losses that its width has no room for are left out, the last ones first: a line that wraps
-/// could not be rewritten. log.jsonl has all of them.
+/// Progress line: rewritten in place on a terminal, printed now and then elsewhere. On a terminal,
+/// losses beyond its width are omitted, the last ones first: a line that wraps could not be
+/// rewritten. log.jsonl has all of them.
 class Progress {
   public:
     Progress(std::string stage, Index total, bool quiet);
 
-    /// After step number `step`, the last of `taken` steps that were taken together.
+    /// Shows the progress after step number `step`, the last of `taken` steps taken together.
     void show(Index step, const std::vector<std::string>& losses, bool last, Index taken = 1);
 
   private:

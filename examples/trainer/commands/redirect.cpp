@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye redirect`: renders a trained head with another gaze for each eye, from another camera, by
+/// `rye redirect`: renders a trained head with another gaze for each eye, from another camera, with
 /// other drivers: one picture, a contact sheet, or a video.
 #include <unistd.h>
 
@@ -35,17 +35,18 @@ struct RedirectOptions {
     int threads = 0;
 };
 
-/// All that --out may be.
+/// Formats of --out.
 const std::vector<OutFormat> formats{OutFormat::png,        OutFormat::jpeg,
                                      OutFormat::apng,       OutFormat::y4m,
                                      OutFormat::y4m_stream, OutFormat::picture_folder};
 
-/// (pitch, yaw) of the left eye, of the right one [deg].
+/// (pitch, yaw) of the left eye and of the right one [deg].
 struct Look {
     double left[2], right[2];
 };
 
-/// Pitch down the rows, yaw across; then single eyes, then converging and diverging ones.
+/// Returns the gazes of the sheet: pitch down the rows, yaw across; then single eyes, then
+/// converging and diverging ones.
 const std::vector<std::vector<Look>>& sheet_of_heads() {
     static const std::vector<std::vector<Look>> rows = [] {
         std::vector<std::vector<Look>> r;
@@ -61,7 +62,7 @@ const std::vector<std::vector<Look>>& sheet_of_heads() {
     return rows;
 }
 
-/// Gazes that are shown enlarged around the eyes, to make the lids visible.
+/// Returns gazes that are shown enlarged around the eyes, to make the lids visible.
 const std::vector<std::vector<Look>>& sheet_of_eyes() {
     static const std::vector<std::vector<Look>> rows = [] {
         std::vector<std::vector<Look>> r(2);
@@ -81,7 +82,7 @@ DrawnFrame looking(const DrawnFrame& frame, const Look& look) {
     return f;
 }
 
-/// Crop of an image around the eyes, as wide as the image.
+/// Returns a crop of an image around the eyes, as wide as the image.
 Image<float> around_eyes(const Image<float>& whole, const TrainState& state,
                          const DrawnFrame& frame) {
     const Mat3<float> r = so3_exp(Vec3<float>(frame.drivers.pose.head<3>()));
@@ -98,8 +99,8 @@ Image<float> around_eyes(const Image<float>& whole, const TrainState& state,
                             static_cast<int>(middle.y()) - h / 2, w, h), whole.width);
 }
 
-/// The drawer of these frames by --device and --effects; prints to `say` what draws, if there was a
-/// choice.
+/// Returns the drawer of these frames by --device and --effects; prints its choice, if any, to
+/// `say`.
 FrameDrawer drawer_of(const RedirectOptions& o, const TrainState& state,
                       const std::vector<DrawnFrame>& frames, std::ostream& say) {
     const DeviceWish wish = device_wish(o.device);
@@ -115,7 +116,8 @@ FrameDrawer drawer_of(const RedirectOptions& o, const TrainState& state,
     return {state, frames, o.effects, "--effects", 1.0 / 255};
 }
 
-/// A contact sheet of many gazes of one frame; `explained` receives the choice of the effects.
+/// Returns a contact sheet of many gazes of one frame; `explained` receives the choice of the
+/// effects.
 Image<float> contact_sheet(const RedirectOptions& o, const TrainState& state,
                            const DrawnFrame& frame, std::ostream& say, std::string& explained) {
     std::vector<DrawnFrame> all;
@@ -147,13 +149,14 @@ void write_picture(const std::filesystem::path& out, OutFormat format,
         write_png(out, picture);
 }
 
-/// Drawing of a command: each picture's drivers and camera, and the photograph beside the only one.
+/// Pictures of a command: drivers and camera of each, and the photograph beside the only one.
 struct Shot {
     std::vector<DrawnFrame> frames;
     std::optional<Image<float>> photograph;
 };
 
-/// Pictures to draw, as many as there are drivers or cameras; one of either stays through all.
+/// Returns the pictures to draw, as many as there are drivers or cameras; a single one of either is
+/// used for all.
 Shot shot_of(const RedirectOptions& o, const TrainState& state) {
     const std::filesystem::path source =
         o.compare ? capture_folder(o.run, state, o.capture, "--compare") : o.capture;
@@ -182,7 +185,7 @@ Shot shot_of(const RedirectOptions& o, const TrainState& state) {
     return shot;
 }
 
-/// Says in how many pictures the head is not: cameras and poses of two worlds rarely meet.
+/// Prints in how many pictures the head is outside: cameras and poses of two worlds rarely match.
 void note_outside(const TrainState& state, const std::vector<DrawnFrame>& frames) {
     std::size_t outside = 0;
     for (const DrawnFrame& f : frames) {
@@ -217,7 +220,8 @@ void write_video(const RedirectOptions& o, OutFormat format, const TrainState& s
         << " x " << frames.front().camera.height << " pixels\n";
 }
 
-/// Error for options that exclude each other, before anything is read.
+/// Returns the format. Throws an Error for options that exclude each other, before anything is
+/// read.
 OutFormat checked_format(const RedirectOptions& o) {
     const OutFormat format = out_format(o.out, formats, "--out");
     const bool many = !o.driving.path.empty() || (!o.own.file.empty() && o.own.view < 0);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye refine`: a capture whose labels are corrected by its photographs and a trained avatar, or
+/// `rye refine`: writes a capture with labels corrected by its photographs and a trained avatar, or
 /// by each other and the irises in its photographs.
 #include <cmath>
 #include <cstdio>
@@ -9,9 +9,11 @@
 
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
+#include "data/corrected_cameras.hpp"
 #include "data/samples.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
+#include "training/cameras.hpp"
 #include "training/labels.hpp"
 #include "training/refine.hpp"
 
@@ -29,7 +31,7 @@ struct RefineCommand {
     RefineOptions options;
 };
 
-/// Root mean square of some of the unknowns.
+/// Returns the root mean square of some of the unknowns.
 double rms(const VecX<double>& v) {
     return v.size() == 0 ? 0 : std::sqrt(v.squaredNorm() / static_cast<double>(v.size()));
 }
@@ -53,7 +55,7 @@ void print_frame(const Capture& capture, const LabelUnknowns& u, const RefinedFr
     std::fflush(stdout);
 }
 
-/// Without a run: labels by each other and by irises, as `rye train` corrects them.
+/// Refines without a run: corrects labels by each other and by irises, as `rye train` does.
 void refine_by_labels(const RefineCommand& o) {
     require(!o.capture.empty(), "rye refine", "--capture is missing, expected the folder of a "
                                               "capture where no run is named");
@@ -64,6 +66,7 @@ void refine_by_labels(const RefineCommand& o) {
     require(capture.has_gaze(), capture.folder.string(),
             "a frame has no params/<frame>/gaze.npz, expected a gaze to begin from");
     const std::vector<CaptureFrame> before = capture.frames;
+    const CameraFindings cameras = correct_cameras(capture, preset("cpu"));
     const LabelFindings found = correct_labels(capture, preset("cpu"));
     std::vector<LabelChange> changes;
     nlohmann::ordered_json frames = nlohmann::ordered_json::object();
@@ -79,10 +82,12 @@ void refine_by_labels(const RefineCommand& o) {
                            {"pose", std::vector<double>(c.pose.data(), c.pose.data() + 6)}};
     }
     nlohmann::ordered_json record = {{"capture", capture.folder.string()}};
+    record["cameras"] = cameras.json();
     record.update(found.json());
     record["changes"] = frames;
     write_changed_capture(capture.folder, o.out, changes, HeadPoints::kept,
-                          {{"refine.json", record}});
+                          {{{"refine.json", record}}, capture.corrected_cameras});
+    for (const std::string& line : cameras.lines()) std::printf("%s\n", line.c_str());
     for (const std::string& line : found.lines()) std::printf("%s\n", line.c_str());
     std::printf("%s\n%s\n", o.out.string().c_str(), (o.out / "refine.json").string().c_str());
 }
@@ -91,10 +96,10 @@ void refine(RefineCommand o) {
     set_threads(o.threads);
     if (o.run.empty()) return refine_by_labels(o);
     const TrainState state = load_trained(o.run);
-    const Capture capture =
-        read_valid_capture(capture_folder(o.run, state, o.capture, "refining"));
+    Capture capture = read_valid_capture(capture_folder(o.run, state, o.capture, "refining"));
     check_new_capture(capture.folder, o.out);
     require_same_subject(state, capture);
+    take_corrected(capture, load_corrected_cameras(o.run));
     require(capture.has_gaze(), capture.folder.string(),
             "a frame has no params/<frame>/gaze.npz, expected a gaze to begin from");
     require_gazes(capture, state.config.gaze_axis);
@@ -126,7 +131,7 @@ void refine(RefineCommand o) {
     record.update(refine_record(refined, capture, o.options));
     write_changed_capture(capture.folder, o.out, label_changes(refined, capture),
                           o.keep_points ? HeadPoints::kept : HeadPoints::moved,
-                          {{"refine.json", record}});
+                          {{{"refine.json", record}}, capture.corrected_cameras});
     const VecX<double>& mean = refined.mean;
     if (u.gaze)
         std::printf("mean change taken off the gazes: left %.2f, %.2f, right %.2f, %.2f deg of "

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye render`: an image of a splat file of any program, as its viewer would render it; or of a
-/// run's head.
-/// The file's own axes and units; for an upright capture in OpenCV's axes, up is -y.
+/// run's head. Uses the file's own axes and units; for an upright capture in OpenCV's axes, up
+/// is -y.
 #include <chrono>
 #include <cstdio>
 #include <iostream>
@@ -29,7 +29,7 @@
 namespace rye::trainer {
 namespace {
 
-/// Near plane of the first 3DGS implementation and of viewers after it. [world units]
+/// Near plane of the first 3DGS implementation and of later viewers [world units].
 constexpr double viewer_near_depth = 0.2;
 
 struct RenderOptions {
@@ -73,7 +73,7 @@ Image<float> picture(const B& backend, const A& accuracy, const Gaussians<T>& g,
     return image;
 }
 
-/// The image at the named accuracy. Only "exact" is in double.
+/// Returns the image at the named accuracy. Only "exact" is in double.
 template <Distortion D>
 Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
                      const Pinhole<double, D>& camera) {
@@ -128,7 +128,7 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
     return by_name.at(o.accuracy)(o, g, in_float, background.cast<float>());
 }
 
-/// The camera of the options: from the file of cameras, or from --eye.
+/// Returns the camera of the options: from the file of cameras, or from --eye.
 Photograph view_of(const RenderOptions& o) {
     const auto [width, height] = parsed_size(o.own.size.empty() ? "512x512" : o.own.size, "--size");
     if (!o.own.file.empty()) {
@@ -150,7 +150,7 @@ Photograph view_of(const RenderOptions& o) {
             {}};
 }
 
-/// A picture of a run's head, at its first test frame: `rye redirect` has all other choices.
+/// Draws a run's head at its first test frame; `rye redirect` offers all other choices.
 void render_run(const RenderOptions& o) {
     const TrainState state = load_trained(o.ply);
     const ShownView view = shown_view(o.ply, state, {}, "", "");

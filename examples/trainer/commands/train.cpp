@@ -26,6 +26,7 @@
 #include "data/work_beside.hpp"
 #include "training/begun.hpp"
 #include "training/camera_colours.hpp"
+#include "training/cameras.hpp"
 #include "training/density.hpp"
 #include "training/device_choice.hpp"
 #include "training/device_memory.hpp"
@@ -33,6 +34,7 @@
 #include "training/labels.hpp"
 #include "training/draws.hpp"
 #include "training/mesh_networks.hpp"
+#include "training/one_camera.hpp"
 #include "training/run_folder.hpp"
 #include "training/run_size.hpp"
 #include "training/steps.hpp"
@@ -60,18 +62,18 @@ struct TrainOptions {
     std::optional<std::int64_t> steps;
 };
 
-/// True if standard output has no progress.
+/// Returns true if standard output has no progress.
 bool quiet(const TrainOptions& o) { return o.quiet || o.json; }
 
 constexpr Index log_every = 20;  ///< steps between lines of log.jsonl
 
-/// Non-finite gradients skip their step; this many in a row end the run.
+/// Number of steps in a row, skipped for a non-finite gradient, that ends the run.
 constexpr int max_skipped_steps = 20;
 
-/// The trainer of one run.
+/// Trainer of one run.
 class Trainer {
   public:
-    /// on: the device that stage 2 is trained on; none: the CPU.
+    /// on: device for stage 2; none: the CPU.
     Trainer(const TrainOptions& options, std::optional<DeviceFacts> on, Capture capture,
             TrainState state, Beginning beginning)
         : options_(options),
@@ -82,11 +84,11 @@ class Trainer {
           grid_(make_lattice(state_)),
           folder_(options.out, state_, beginning, &capture_) {}
 
-    /// Writes the checkpoint as it is.
+    /// Writes the checkpoint of the current state.
     void save() { folder_.save(state_); }
     /// Writes a line of the log.
     void log(const Json& line) { folder_.log(line); }
-    /// Goes on as if stage 1 were done: the state has the mesh that `run` found.
+    /// Continues as if stage 1 were done, with the mesh of `run`.
     void begin_after(const std::filesystem::path& run) {
         has_mesh_ = true;
         TrainState after;
@@ -96,7 +98,7 @@ class Trainer {
         if (!quiet(options_)) std::cout << "stage 1 is that of " << run.string() << "\n";
     }
 
-    /// Returns true if the run is complete, false if it was stopped.
+    /// Trains; returns true if the run is complete, false if it was stopped.
     bool run() {
         if (state_.stage == Stage::mesh) {
             if (!has_mesh_) {
@@ -186,7 +188,7 @@ class Trainer {
             std::cout << brief("landmarks of all frames fitted: landmark_rms", left) << "\n";
     }
 
-    /// Logs and shows a step, the last of `taken` that were taken together.
+    /// Logs and shows a step, the last of `taken` steps taken together.
     void tell(const char* stage, const StepReport& report, Progress& progress, bool last,
               Index taken = 1) {
         if (state_.step % log_every == 0 || last) {
@@ -216,7 +218,7 @@ class Trainer {
             const bool last = state_.step == total;
             tell("avatar", report, progress, last);
             if (density_due(g.density, state_.step, total)) {
-                steps.reset(); // it has memory for the Gaussians that there were
+                steps.reset(); // its memory fits the old number of Gaussians
                 change_density();
                 steps = avatar_steps(state_, options_.perceptual_weights);
                 probe_("density");
@@ -230,8 +232,8 @@ class Trainer {
         return true;
     }
 
-    /// Splits and prunes the face's Gaussians of the state, between a step and what is made of the
-    /// state after it: a checkpoint of this step has the change.
+    /// Splits and prunes the face's Gaussians of the state after a step, before anything uses the
+    /// state: a checkpoint of this step has the change.
     void change_density() {
         const DensityChange c = change_face(state_);
         folder_.log({{"stage", "avatar"},
@@ -251,8 +253,8 @@ class Trainer {
                   << (changes_ == 1 ? " change" : " changes") << " of density\n";
     }
 
-    /// The same in chunks of steps. Panels and checkpoints are made from a copy of the state by a
-    /// thread beside the steps that follow.
+    /// Trains stage 2 in chunks of steps. A thread makes panels and checkpoints from a copy of the
+    /// state while further steps run.
     bool train_avatar_on_device() {
         const AvatarTrainConfig& g = state_.config.gaussians;
         const SampleDraws draws(capture_, state_.config);
@@ -261,7 +263,7 @@ class Trainer {
         require_room_on_device();
         const std::unique_ptr<DeviceSteps> steps =
             device_steps(state_, capture_, options_.perceptual_weights);
-        TrainState copy = state_; // what the thread reads; it goes after the thread
+        TrainState copy = state_; // read by the thread; outlives it
         WorkBeside files("rye train");
         Progress progress("stage 2", total, quiet(options_));
         while (state_.step < total) {
@@ -283,7 +285,7 @@ class Trainer {
                 steps->fetch(state_);
                 change_density();
                 steps->restart(state_);
-                copy = state_; // of the new shapes
+                copy = state_; // with the new shapes
                 probe_("density");
             }
             if (!shows && !saves && !stop) continue;
@@ -316,8 +318,8 @@ class Trainer {
         return true;
     }
 
-    /// States the memory that stage 2 needs, whose Gaussians are counted now; Error where the
-    /// device has less.
+    /// Prints the memory that stage 2 needs, now that its Gaussians are counted; throws an Error if
+    /// the device has less.
     void require_room_on_device() {
         DeviceSizes sizes = device_sizes(state_, capture_);
         sizes.lpips = !options_.perceptual_weights.empty();
@@ -354,13 +356,13 @@ class Trainer {
     RunFolder folder_;
     TimeProbe probe_;
     int skipped_ = 0;
-    bool has_mesh_ = false;        ///< stage 1 is another run's
-    int changes_ = 0;              ///< of density, since this program began
-    DensityChange changed_;        ///< by all of them
+    bool has_mesh_ = false;        ///< true if stage 1 is another run's
+    int changes_ = 0;              ///< changes of density since this program began
+    DensityChange changed_;        ///< sum of these changes
     double stated_ = 0, held_ = 0, taken_ = 0; ///< device memory of stage 2 [bytes]
 
   public:
-    /// Parts of a step: name, calls, milliseconds a call, share of the time.
+    /// Returns the parts of a step: name, calls, milliseconds per call, share of the time.
     Json profile() const {
         double all = 0;
         for (const auto& [name, part] : probe_.parts()) all += part.seconds;
@@ -413,13 +415,14 @@ TrainConfig config_of(const TrainOptions& o) {
     return config;
 }
 
-/// Place where stage 2 is trained.
+/// Device or CPU for stage 2.
 struct TrainedOn {
-    std::optional<DeviceFacts> device; ///< none: the CPU
+    std::optional<DeviceFacts> device; ///< none for the CPU
     std::string words;                 ///< a line about it, or empty
 };
 
-/// By --device and the one policy; Error where the device has no room.
+/// Returns the choice by --device and the policy; throws an Error if the device has too little
+/// memory.
 TrainedOn trained_on(const TrainOptions& o, const TrainState& state, const Capture& capture) {
     if (device_wish(o.device) == DeviceWish::cpu) return {};
     const DeviceFinding finding = find_device();
@@ -463,7 +466,7 @@ void check_resumed(const TrainOptions& o, const TrainState& state, const Capture
             ", as this run began with");
 }
 
-/// The initial state of a run.
+/// Returns the initial state of a run.
 TrainState first_state(const TrainConfig& config, const Capture& capture,
                        const std::filesystem::path& folder) {
     TrainState state;
@@ -484,7 +487,7 @@ int train(const TrainOptions& o) {
     require(!o.out.empty(), "rye train", "--out is missing, expected a folder for the run");
     set_threads(o.threads);
     const LockOptions as_training{"rye train"};
-    std::optional<FolderLock> lock; // before anything of the folder is read
+    std::optional<FolderLock> lock; // taken before the folder is read
     if (std::filesystem::is_directory(o.out)) lock.emplace(o.out, as_training);
     const bool there = std::filesystem::exists(checkpoint_path(o.out));
     require(!there || o.resume || o.overwrite, o.out.string(),
@@ -493,7 +496,7 @@ int train(const TrainOptions& o) {
             "--resume and --overwrite exclude each other");
     require(!o.resume || o.begin.empty(), "rye train",
             "--resume and --begin exclude each other: a run goes on from its own checkpoint");
-    // Checks all inputs before anything is written.
+    // Checks all inputs before writing anything.
     TrainState state;
     std::filesystem::path folder = o.capture;
     if (o.resume) {
@@ -506,12 +509,15 @@ int train(const TrainOptions& o) {
     std::vector<std::string> expect;
     Capture capture = read_trainable_capture(folder, &expect);
     LabelFindings labels;
+    CameraFindings cameras;
+    if (config.correct_cameras && capture.has_gaze()) cameras = correct_cameras(capture, config);
     if (config.correct_labels && capture.has_gaze()) labels = correct_labels(capture, config);
     if (config.correct_colours && capture.has_gaze())
         labels.all.push_back(correct_colours(capture, config));
     if (o.resume) check_resumed(o, state, capture);
     else state = first_state(config, capture, folder);
     const std::string refined = o.resume ? "" : refine_further(labels, state.config);
+    const std::string flat = o.resume ? "" : flatten_for_one_camera(capture, state.config);
     const RunSize size = run_size(state.config, state.subject, capture.width, capture.height);
     require_room(size, most_memory(), o.config.empty() ? "--preset " + config.preset
                                                        : o.config.string());
@@ -538,23 +544,28 @@ int train(const TrainOptions& o) {
                     o.resume ? Beginning::resumed
                     : there  ? Beginning::replacing
                              : Beginning::fresh);
-    // Behind all that may refuse: an error is one line.
+    // After all checks that may fail: an error is one line.
     for (const std::string& words : expect) std::cerr << "rye: warning: " << words << "\n";
     if (config.preset == "paper" && o.perceptual_weights.empty())
         std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
                      "VGG16 term is replaced by one of gradient pyramids\n";
-    if (!quiet(o))
+    if (!quiet(o)) {
+        for (const std::string& line : cameras.lines()) std::cout << line << "\n";
         for (const std::string& line : labels.lines()) std::cout << line << "\n";
-    if (!quiet(o) && !refined.empty()) std::cout << refined << "\n";
-    if (!o.resume && !labels.empty()) {
+    }
+    if (!quiet(o))
+        for (const std::string& words : {refined, flat})
+            if (!words.empty()) std::cout << words << "\n";
+    if (!o.resume && !(labels.empty() && cameras.empty())) {
         Json line = {{"stage", "labels"}, {"step", 0}};
-        line.update(labels.json());
+        if (!labels.empty()) line.update(labels.json());
+        if (!cameras.empty()) line["cameras"] = cameras.json();
         trainer.log(line);
     }
     if (!quiet(o)) std::cout << text_of(size) << "\n";
     if (!quiet(o) && !on.words.empty()) std::cout << on.words << "\n";
     if (!o.begin.empty()) trainer.begin_after(o.begin);
-    if (other_frames) trainer.save(); // so that it fits the frames that lie beside it now
+    if (other_frames) trainer.save(); // to match the frames now beside it
     std::signal(SIGINT, request_stop);
     std::signal(SIGTERM, request_stop);
     const bool done = trainer.run();

@@ -17,7 +17,7 @@ using Json = nlohmann::json;
 constexpr double degree = 3.14159265358979323846 / 180;
 constexpr double most_off_rotation = 1e-3;
 
-/// A field of the camera, or else of the whole file; null if neither has it.
+/// Fields of a camera; a field that it lacks is the whole file's, or null.
 struct Fields {
     const Json& file;
     const Json& camera;
@@ -34,7 +34,7 @@ struct Fields {
     }
 };
 
-/// rows x cols numbers as nested lists, or as one list if there is one row.
+/// Returns rows x cols numbers from nested lists, or from one list if there is one row.
 Eigen::MatrixXd matrix(const Json& value, std::size_t rows, std::size_t cols, const char* key) {
     Eigen::MatrixXd m(rows, cols);
     const auto row_of = [&](const Json& row, std::size_t i) {

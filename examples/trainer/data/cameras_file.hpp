@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// data/cameras_file.hpp: cameras of one's own from a JSON file: rye's list "cameras"
+/// data/cameras_file.hpp: user-defined cameras from a JSON file: rye's list "cameras"
 /// (docs/formats.md), or the "frames" of a transforms.json (photographs.hpp).
 #pragma once
 
@@ -12,11 +12,13 @@
 
 namespace rye::trainer {
 
-/// WxH, each 1 to max_image_edge pixels; throws Error, which begins with `who`, for anything else.
+/// Parses WxH, each 1 to max_image_edge pixels; throws an Error that begins with `who` for anything
+/// else.
 ImageSize parsed_size(const std::string& text, const std::string& who);
 
-/// All cameras, at least one; throws Error with file, camera and field for anything missing,
-/// unknown or out of range. parse_cameras takes the text of the file; its errors begin with `name`.
+/// Returns all cameras, at least one; throws an Error with file, camera and field for anything
+/// missing, unknown or out of range. parse_cameras takes the text of the file; its errors begin
+/// with `name`.
 std::vector<Photograph> parse_cameras(std::string_view text, const std::string& name);
 std::vector<Photograph> read_cameras(const std::filesystem::path& path);
 

@@ -43,6 +43,10 @@ Capture read_capture_frame(const CaptureContents& contents, const std::string& f
     return rye::read_capture_frame(contents, {frame, cameras}, ImageCache(), problems);
 }
 
+Pinhole<double> read_capture_camera(const std::filesystem::path& path) {
+    return read_view_camera(path, memory_limit());
+}
+
 Capture read_capture(const std::filesystem::path& folder, CaptureOptions options,
                      std::vector<Problem>* problems) {
     return rye::read_capture(folder, ImageCache(), limited(options), problems);

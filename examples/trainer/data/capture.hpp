@@ -21,11 +21,12 @@ using rye::CaptureEye;
 using rye::CaptureFrame;
 using rye::CaptureOptions;
 using rye::CaptureView;
+using rye::CorrectedCamera;
 using rye::eye_landmarks;
 using rye::ImageContent;
 using rye::Problem;
 
-/// Decoded 8-bit images, evicting the least recently used first; a PictureReader.
+/// Cache of decoded 8-bit images that evicts the least recently used first; a PictureReader.
 class ImageCache {
 public:
     explicit ImageCache(std::size_t budget = std::size_t(1) << 30U) : budget_(budget) {}
@@ -33,7 +34,7 @@ public:
     ImageCache& operator=(ImageCache&&) = default;
 
     ImageHeader header(const std::filesystem::path& path) const { return read_image_header(path); }
-    /// The image of `path` in `channels`, read unless cached. Valid until the next call.
+    /// Returns the image of `path` in `channels`, read unless cached; valid until the next call.
     const Image8& read(const std::filesystem::path& path, int channels);
     std::size_t bytes() const { return bytes_; }
 
@@ -48,10 +49,11 @@ private:
     std::map<std::string, std::list<Entry>::iterator> by_key_;
 };
 
-/// A capture. Images are decoded on demand and cached: not for concurrent use by several threads.
+/// Capture whose images are decoded on demand and cached: not for concurrent use by several
+/// threads.
 using Capture = CaptureOf<ImageCache>;
 
-/// Throws Error if capture.json or the folder is not that of a capture.
+/// Throws an Error if capture.json or the folder is not that of a capture.
 CaptureContents read_contents(const std::filesystem::path& folder, CaptureOptions options = {});
 
 /// Reads one frame for these cameras, without pixels; opens no file of another frame or camera. All
@@ -60,8 +62,11 @@ Capture read_capture_frame(const CaptureContents& contents, const std::string& f
                            const std::vector<std::string>& cameras,
                            std::vector<Problem>* problems = nullptr);
 
-/// Reads everything but the pixels. Without `problems` throws the first fault as an Error;
-/// otherwise adds every fault to the list and returns what could be read.
+/// Reads a camera_<name>.npz; its size is not in it. Throws an Error that names file and field.
+Pinhole<double> read_capture_camera(const std::filesystem::path& path);
+
+/// Reads everything except the pixels. Without `problems` throws the first fault as an Error;
+/// otherwise adds every fault to the list and returns the rest.
 Capture read_capture(const std::filesystem::path& folder, CaptureOptions options = {},
                      std::vector<Problem>* problems = nullptr);
 

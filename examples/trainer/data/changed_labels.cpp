@@ -8,8 +8,8 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
-#include "data/capture.hpp"
 #include "data/checksums.hpp"
+#include "data/corrected_cameras.hpp"
 #include "data/json.hpp"
 #include "data/memory_limit.hpp"
 
@@ -23,7 +23,7 @@ void write_bytes(const fs::path& path, ByteSpan bytes) {
     write_atomic(path, bytes, Durability::atomic_only);
 }
 
-/// The numbers in the shape of an array; of 32 bits where it has 32.
+/// Returns the numbers in the shape of an array; of 32 bits if it has 32.
 NpyArray like(const NpyArray& array, const std::vector<double>& values) {
     if (array.kind != 'f' || array.item_size != 4) return npy_array<double>(array.shape, values);
     std::vector<float> narrow;
@@ -31,7 +31,7 @@ NpyArray like(const NpyArray& array, const std::vector<double>& values) {
     return npy_array<float>(array.shape, narrow);
 }
 
-/// Replaces the numbers of an array of an archive that has it by edit(numbers).
+/// Replaces the numbers of an array, if the archive has it, by edit(numbers).
 template <class F>
 void edit(NpzArrays& arrays, const std::string& name, const std::string& who, F&& f) {
     const auto found = arrays.find(name);
@@ -41,7 +41,7 @@ void edit(NpzArrays& arrays, const std::string& name, const std::string& who, F&
     found->second = like(found->second, values);
 }
 
-/// The motion of the world that takes the head from one pose to another.
+/// Motion of the world that takes the head from one pose to another.
 struct HeadMotion {
     Mat3<double> rotation, last;
     Vec3<double> from, to;
@@ -119,7 +119,28 @@ void change_gaze(const fs::path& file, const LabelChange& change, const HeadMoti
     write_bytes(file, npz_bytes(arrays));
 }
 
-/// Moves the points of a file of them.
+/// Replaces the numbers of a camera in the frames in which it has exactly the wrong ones.
+void change_cameras(const fs::path& from, const fs::path& to, const CorrectedCamera& camera) {
+    const std::string name = "camera_" + camera.camera + ".npz";
+    for (const fs::directory_entry& frame : fs::directory_iterator(from / "cameras")) {
+        if (!fs::exists(frame.path() / name)) continue;
+        if (!same_numbers(read_capture_camera(frame.path() / name), camera.wrong)) continue;
+        const fs::path file = to / "cameras" / frame.path().filename() / name;
+        const std::string who = file.string();
+        NpzArrays arrays = read_npz(file, memory_limit());
+        const Pinhole<double>& right = camera.right;
+        edit(arrays, "intrinsic", who, [&](std::vector<double>& k) {
+            k[0] = right.fx, k[2] = right.cx, k[4] = right.fy, k[5] = right.cy;
+        });
+        edit(arrays, "extrinsic", who, [&](std::vector<double>& m) {
+            Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> extrinsic(m.data());
+            extrinsic << right.camera_from_world.rotation, right.camera_from_world.translation;
+        });
+        write_bytes(file, npz_bytes(arrays));
+    }
+}
+
+/// Moves the points of a file.
 void change_points(const fs::path& file, const HeadMotion& motion) {
     const NpyArray array = read_npy(file);
     std::vector<double> values = array.values<double>(file.string());
@@ -127,7 +148,7 @@ void change_points(const fs::path& file, const HeadMotion& motion) {
     write_bytes(file, npy_bytes(like(array, values)));
 }
 
-/// States the checksums of the arrays that were changed, where capture.json states any.
+/// Updates the checksums of the changed arrays, if capture.json states any.
 void restate_checksums(const fs::path& folder, const std::vector<std::string>& changed) {
     const fs::path file = folder / "capture.json";
     if (!fs::exists(file)) return;
@@ -174,7 +195,7 @@ void check_new_capture(const fs::path& from, const fs::path& out) {
 
 void write_changed_capture(const fs::path& from, const fs::path& out,
                            const std::vector<LabelChange>& changes, HeadPoints points,
-                           const std::vector<std::pair<std::string, Json>>& records) {
+                           const BesideLabels& beside) {
     check_new_capture(from, out);
     fs::path parts = out;
     if (!parts.has_filename()) parts = parts.parent_path();
@@ -197,11 +218,12 @@ void write_changed_capture(const fs::path& from, const fs::path& out,
             }
         }
         restate_checksums(parts, changed);
-        for (const auto& [name, record] : records) {
+        for (const CorrectedCamera& camera : beside.cameras) change_cameras(from, parts, camera);
+        for (const auto& [name, record] : beside.records) {
             const std::string text = checked_text(record, 1);
             write_bytes(parts / name, as_bytes(text));
         }
-        read_capture(parts); // throws for what is wrong with it
+        read_capture(parts); // throws for any fault
         if (fs::exists(out)) fs::remove(out);
         fs::rename(parts, out);
     } catch (...) {

@@ -12,40 +12,46 @@
 
 #include <rye/core/columns.hpp>
 
-namespace rye {
-struct CaptureFrame;
-}
+#include "data/capture.hpp"
 
 namespace rye::trainer {
 
-/// What is added to the labels of one frame.
+/// Changes of the labels of one frame, which are added.
 struct LabelChange {
     std::string frame;
-    /// (pitch, yaw) of both eyes, optical and visual axes alike, so that kappa stays [rad].
+    /// (pitch, yaw) of both eyes, for optical and visual axes alike, so that kappa is unchanged
+    /// [rad].
     std::array<Vec2<double>, 2> gaze{Vec2<double>::Zero(), Vec2<double>::Zero()};
     Vec<double, 6> pose = Vec<double, 6>::Zero(); ///< axis-angle [rad], translation [world unit]
-    std::vector<double> expression;               ///< of every coefficient; empty: none changes
-    std::array<std::optional<Vec3<double>>, 2> centre; ///< instead of the eyeball's [world unit]
+    std::vector<double> expression;               ///< for every coefficient; empty for no change
+    std::array<std::optional<Vec3<double>>, 2> centre; ///< replaces the eyeball's [world unit]
 };
 
-/// What lies in the world and belongs to the head: landmarks, vertices and eyeball centres.
+/// Treatment of the head's points in the world: landmarks, vertices and eyeball centres.
 enum class HeadPoints {
-    moved, ///< with the head's pose, as those that a face model gave
-    kept,  ///< where they are, as those that were measured
+    moved, ///< with the head's pose, like points from a face model
+    kept,  ///< unchanged, like measured points
 };
 
-/// Throws Error unless `out` can become a capture made of `from`: it is not there, or an empty
-/// folder, and not below `from`.
+/// Throws an Error unless `out` can become a capture made of `from`: a new or an empty folder that
+/// is not below `from`.
 void check_new_capture(const std::filesystem::path& from, const std::filesystem::path& out);
 
-/// What turns the labels of a frame into those of another: all but landmarks and vertices.
+/// Returns the change from the labels of a frame to those of another, without landmarks and
+/// vertices.
 LabelChange change_between(const CaptureFrame& before, const CaptureFrame& after);
 
-/// Copies the capture and changes the labels of these frames. `records` are further files, by name,
-/// each an object that gets its checksum. The folder appears whole or not at all.
+/// Changes of a copy beside the labels of its frames.
+struct BesideLabels {
+    /// Further files, by name; each is an object that gets its checksum.
+    std::vector<std::pair<std::string, nlohmann::ordered_json>> records = {};
+    std::vector<CorrectedCamera> cameras = {}; ///< replaced in files that have the wrong numbers
+};
+
+/// Copies the capture and changes the labels of these frames. The folder appears complete or not at
+/// all.
 void write_changed_capture(const std::filesystem::path& from, const std::filesystem::path& out,
                            const std::vector<LabelChange>& changes, HeadPoints points,
-                           const std::vector<std::pair<std::string, nlohmann::ordered_json>>&
-                               records = {});
+                           const BesideLabels& beside = {});
 
 } // namespace rye::trainer

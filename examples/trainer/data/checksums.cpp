@@ -17,7 +17,7 @@ constexpr const char* field = "checksum";
 
 template <class Json>
 std::string checksum_of(const Json& object) {
-    // Parsed again by the type that sorts, whose text depends on the content alone.
+    // Parsed again with sorted keys, so that the text depends on the content alone.
     const std::string text = nlohmann::json::parse(object.dump()).dump();
     return checksum_text(crc32(as_bytes(text)));
 }
@@ -33,7 +33,7 @@ Checked taken(Json& object) {
 } // namespace
 
 std::string checked_text(nlohmann::ordered_json object, int indent) {
-    object.erase(field); // of the file that it is made of
+    object.erase(field); // of the file it was read from
     object[field] = checksum_of(object);
     return object.dump(indent) + "\n";
 }
@@ -73,7 +73,7 @@ std::vector<std::string> changed_files(const fs::path& capture) {
     nlohmann::json json;
     try {
         json = read_json(description);
-    } catch (const Error&) { // the reader says so
+    } catch (const Error&) { // reported by the reader
         return changed;
     }
     const auto note = [&](const fs::path& path, const char* what) {
@@ -88,7 +88,7 @@ std::vector<std::string> changed_files(const fs::path& capture) {
         std::error_code none;
         if (fs::path(name).is_absolute() || name.find("..") != std::string::npos ||
             !fs::is_regular_file(path, none))
-            continue; // the reader says what is missing
+            continue; // reported by the reader as missing
         if (stated != checksum_text(crc32(read_file(path))))
             note(path, "its checksum in capture.json");
     }

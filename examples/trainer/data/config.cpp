@@ -22,7 +22,7 @@ constexpr Range above_zero{1e-9, 1e6};
 constexpr Range rate{0, 10};            // learning rates
 constexpr Range steps{0, 1e9};
 constexpr Range part{1e-6, 1 - 1e-6};   // fractions, without 0 and 1
-constexpr Range seeds{0, 18446744073709551616.};  // 2^64: every one
+constexpr Range seeds{0, 18446744073709551616.};  // 2^64: all of them
 
 /// Lists each field of the configuration once, with its valid values; Reader and Writer below
 /// traverse it.
@@ -34,6 +34,7 @@ void walk(F& f, TrainConfig& c) {
     f("measured_eyes", c.measured_eyes);
     f("correct_labels", c.correct_labels);
     f("correct_colours", c.correct_colours);
+    f("correct_cameras", c.correct_cameras);
     f("avatar", [&] {
         AvatarConfig& a = c.avatar;
         f("feature", a.feature, Range{1, 4096});
@@ -108,6 +109,7 @@ void walk(F& f, TrainConfig& c) {
         f("spacing", g.spacing, Range{1e-4, 1000, true});
         f("spacing_slope", g.spacing_slope, Range{0, 1000});
         f("opacity", g.opacity, part);
+        f("thickness", g.thickness, Range{1e-6, 1});
         f("rate_decay", g.rate_decay, above_zero);
         f("augment", g.augment);
         f("checkpoint_every", g.checkpoint_every, Range{1, 1e9});
@@ -171,7 +173,7 @@ void walk(F& f, TrainConfig& c) {
     });
 }
 
-/// The names of an enumeration, in the order of its values.
+/// Returns the names of an enumeration, in the order of its values.
 template <class E>
 const std::vector<std::string>& words();
 template <>
@@ -233,7 +235,7 @@ struct Writer {
 
 bool within(double x, const Range& r) { return (r.zero && x == 0) || (x >= r.low && x <= r.high); }
 
-/// "from 1 to 1000".
+/// Returns a text such as "from 1 to 1000".
 std::string text(const Range& r) {
     const auto number = [](double x) {
         const bool whole = x == std::floor(x) && x < 1e18;
@@ -242,7 +244,7 @@ std::string text(const Range& r) {
     return (r.zero ? "that is 0, or from " : "from ") + number(r.low) + " to " + number(r.high);
 }
 
-/// A value for a message, shortened.
+/// Returns a value for a message, shortened.
 std::string shown(const Json& json) {
     if (json.is_structured()) return json.is_array() ? "a list" : "an object";
     const std::string text = json.dump(-1, ' ', true, Json::error_handler_t::replace);
@@ -315,7 +317,7 @@ struct Reader {
 
     void check_all_used() const {
         if (used == json->size()) return;
-        // Unknown fields: those that a full configuration does not have here.
+        // Unknown fields are those that a full configuration lacks here.
         TrainConfig reference;
         const Json full = to_json(reference);
         const Json* at = &full;
@@ -332,7 +334,7 @@ struct Reader {
     }
 };
 
-/// Checks across fields.
+/// Checks relations between fields.
 void check(const TrainConfig& c, const std::string& source) {
     const auto ordered = [&](const char* field, double v, const char* bound, double least) {
         require(
@@ -364,7 +366,7 @@ void check(const TrainConfig& c, const std::string& source) {
         [&] { return word_of(c.eye_appearance); }, "\"");
 }
 
-/// Networks with fewer operations: the shapes of the paper's, narrower.
+/// Returns networks with fewer operations: the shapes of the paper's, narrower.
 NetworkConfig narrow_networks(int wide, int narrow) {
     NetworkConfig n;
     n.geometry.assign(4, wide);
@@ -380,8 +382,8 @@ NetworkConfig narrow_networks(int wide, int narrow) {
     return n;
 }
 
-/// From `cpu` to what a large device trains in minutes: pictures of 512 x 512, half of the paper's
-/// widths, a finer face, three times the steps.
+/// Changes the preset `cpu` to one that a large device trains in minutes: pictures of 512 x 512,
+/// half of the paper's widths, a finer face, three times the steps.
 void take_device_sizes(TrainConfig& c) {
     c.avatar.feature = 64;
     c.avatar.channels = 16;
@@ -399,11 +401,11 @@ void take_device_sizes(TrainConfig& c) {
     g.upsampler.capacity = 16;
 }
 
-/// From `tiny` to `cpu` and `gpu`, beside the sizes: labels and colours that are corrected,
-/// deformations that hold for expressions and gazes that no frame has, light that stays where head
-/// and eyes turn, and faster Gaussians.
+/// Changes the preset `tiny` to the common part of `cpu` and `gpu`, without the sizes: corrected
+/// labels and colours, deformations that hold for expressions and gazes that no frame has, light
+/// that does not move with head and eyes, and faster Gaussians.
 void take_generalisation(TrainConfig& c) {
-    c.correct_labels = c.correct_colours = true;
+    c.correct_labels = c.correct_colours = c.correct_cameras = true;
     c.avatar.pose_frequencies = c.avatar.gaze_frequencies = 1;
     c.shading = ShadingName::head_pose;
     c.eye_appearance = EyeAppearanceName::driven;
@@ -419,7 +421,7 @@ void take_generalisation(TrainConfig& c) {
     AvatarTrainConfig& g = c.gaussians;
     g.mouth_points = 2000;
     g.spacing_slope = 0.06;
-    // Eye terms and blank of the paper: averages over an eye's few pixels outweigh all else.
+    // The paper's eye terms and blank: averages over an eye's few pixels outweigh everything else.
     const auto published = preset("paper").gaussians.weights;
     g.weights.eye_average = published.eye_average;
     g.weights.eye_low = published.eye_low;

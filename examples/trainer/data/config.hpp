@@ -25,23 +25,23 @@ struct GridConfig {
 struct MeshTrainConfig {
     int steps = 0;            ///< 0: `epochs` times the training frames
     int epochs = 50;
-    int views = 4;            ///< cameras a step
+    int views = 4;            ///< cameras per step
     int image_size = 256;     ///< width of the rasterised image [px]
     int pretrain_steps = 300; ///< of the sphere
     double rate_decay = 1;    ///< final learning rates, relative to the first
     bool landmarks_follow_gaze = false;  ///< L_def also deforms by the gaze fields
-    int fit_steps = 0;  ///< of fit_deformation, after the last step
-    double fit_rate = 2e-3;  ///< its first learning rate
-    double fit_mixed = 0;    ///< share of its frames that are mixed_frame of others
-    bool fit_regions = false; ///< mixed frames know where named coefficients act
-    bool fit_shapes = false;  ///< ... and the shapes of the capture's face model, where it has them
+    int fit_steps = 0;  ///< steps of fit_deformation, after the last step
+    double fit_rate = 2e-3;  ///< first learning rate of fit_deformation
+    double fit_mixed = 0;    ///< share of fit_deformation's frames that are mixed_frame
+    bool fit_regions = false; ///< true: mixed frames respect the regions of named coefficients
+    bool fit_shapes = false;  ///< true: ... and the shapes of the capture's face model, if any
     MeshLossConfig weights;
     MeshRates rates;
 };
 
 struct EyeballConfig {
     int points = 1500;          ///< target number of Gaussians per eyeball
-    double radius = 0.12;       ///< of the sclera unless the capture has it, canonical units
+    double radius = 0.12;       ///< of the sclera unless given by the capture, canonical units
     double opacity = 0.9;       ///< initial
     double thickness = 1;       ///< along the normal, times the width
     double max_growth = 0;      ///< of scales, times the template's spacing; 0: no bound
@@ -55,20 +55,22 @@ struct AvatarTrainConfig {
     /// eye or lip landmark) are halved, canonical units; spacing 0: none.
     double spacing = 0, spacing_slope = 0.1;
     double opacity = 0.3;       ///< initial
+    /// Initial thickness of the face's Gaussians along the normal, times their width; 1: round.
+    double thickness = 1;
     double rate_decay = 1;
-    bool augment = true;        ///< random scale before super-resolution
+    bool augment = true;        ///< true: random scale before super-resolution
     int checkpoint_every = 1000;
     int panel_every = 1000;
     EyeballConfig eyeball;
     AvatarLossConfig weights;
     AvatarRates rates;
-    /// Takes the mean over frames off the corrections of head poses after each step, so that they
-    /// do not move the head's frame.
+    /// True if the mean over frames is subtracted from the corrections of head poses after each
+    /// step, so that they do not move the head's frame.
     bool centre_corrections = false;
     DensityConfig density;      ///< off in every preset
     UpsamplerShape upsampler;   ///< in_channels follows from the avatar
-    /// Of bf16 a float of the networks' products on a device: 1 for 8 bits of each factor, 3 for 24.
-    /// The CPU computes in floats.
+    /// bf16 planes per float in the networks' products on a device: 1 for 8 bits of each factor, 3
+    /// for 24. The CPU computes in floats.
     int planes = 1;
 };
 
@@ -76,9 +78,9 @@ struct AvatarTrainConfig {
 /// the effect Kappa, which learns their difference to the optical ones from 0.
 using rye::GazeAxis;
 
-/// Dependence of an eye on its gaze: the paper's rotation of the eyeball, and, to compare it with,
-/// the mechanisms of rye/rig/gaze_mechanisms.hpp and rye/rig/gaze_features.hpp. With `none` the
-/// eyeballs do not follow the gaze; the skin around them does in each.
+/// Dependence of an eye on its gaze: the paper's rotation of the eyeball, and mechanisms to compare
+/// it with (rye/rig/gaze_mechanisms.hpp, rye/rig/gaze_features.hpp). With `none` the eyeballs do
+/// not follow the gaze; the surrounding skin always does.
 enum class GazeMechanismName {
     rotation,           ///< ExplicitRotation
     feature_rotation,   ///< RotatedFeatures
@@ -91,11 +93,11 @@ enum class GazeMechanismName {
 /// Features of the eyes' Gaussians: trained constants, or driven by gaze, head rotation and
 /// expression (rye/rig/driven_features.hpp). Not set by any preset.
 enum class EyeAppearanceName { free, driven };
-/// Light on the head: colours do not depend on it, or by the head's rotation under lights that stay
-/// (rye/avatar/head_shading.hpp). Not in the paper; not set by any preset.
+/// Effect of light on the head: none, or colours that depend on the head's rotation under fixed
+/// lights (rye/avatar/head_shading.hpp). Not in the paper; not set by any preset.
 enum class ShadingName { none, head_pose };
 
-/// The words of a configuration for them.
+/// Returns the words of a configuration for the names.
 const std::string& word_of(GazeMechanismName mechanism);
 const std::string& word_of(EyeAppearanceName appearance);
 const std::string& word_of(ShadingName shading);
@@ -104,25 +106,26 @@ struct TrainConfig {
     std::string preset;
     std::uint64_t seed = 1;
     GazeAxis gaze_axis = GazeAxis::optical;
-    bool measured_eyes = true;  ///< eyeball centres and radii from gaze.npz where it has them, else
-                                ///< from the landmarks around the eyes, as the paper has it
-    bool correct_labels = false; ///< of training frames, before training (training/labels.hpp)
-    bool correct_colours = false; ///< of cameras (training/camera_colours.hpp)
+    bool measured_eyes = true;  ///< eyeball centres and radii from gaze.npz if it has them, else
+                                ///< from the landmarks around the eyes, as in the paper
+    bool correct_labels = false; ///< for training frames (training/labels.hpp)
+    bool correct_colours = false; ///< for cameras (training/camera_colours.hpp)
+    bool correct_cameras = false; ///< for poses and focal lengths (training/cameras.hpp)
     AvatarConfig avatar;
-    GazeMechanismName gaze_mechanism = GazeMechanismName::rotation; ///< in JSON a field of avatar
-    EyeAppearanceName eye_appearance = EyeAppearanceName::free;  ///< avatar.eye_appearance
-    ShadingName shading = ShadingName::none;                     ///< avatar.shading
+    GazeMechanismName gaze_mechanism = GazeMechanismName::rotation; ///< JSON: avatar.gaze_mechanism
+    EyeAppearanceName eye_appearance = EyeAppearanceName::free;  ///< JSON: avatar.eye_appearance
+    ShadingName shading = ShadingName::none;                     ///< JSON: avatar.shading
     GridConfig grid;
     MeshTrainConfig mesh;
     AvatarTrainConfig gaussians;
 };
 
-/// "tiny", "cpu", "gpu" or "paper"; throws Error for another name.
+/// Returns the preset "tiny", "cpu", "gpu" or "paper"; throws an Error for another name.
 TrainConfig preset(const std::string& name);
 
 nlohmann::ordered_json to_json(const TrainConfig& config);
 
-/// Overwrites the fields that `json` names; throws Error, with source and field, for unknown
+/// Overwrites the fields that `json` names; throws an Error with source and field for unknown
 /// fields, wrong types and values out of range.
 void from_json(const nlohmann::ordered_json& json, const std::string& source, TrainConfig& config);
 

@@ -20,7 +20,7 @@ std::string first_difference(const Json& got, const Json& wanted, const std::str
 }
 
 Json stage_one_fields(const TrainConfig& config) {
-    // All but what is known to be read by stage 2 alone: a field that is new is taken as read.
+    // All fields except those known to be read by stage 2 alone: a new field counts as read.
     Json fields = to_json(config);
     fields.erase("preset"); // a name
     Json& avatar = fields["avatar"];
@@ -28,7 +28,7 @@ Json stage_one_fields(const TrainConfig& config) {
         avatar.erase(name);
     for (const char* name : {"exp_attributes", "pose_attributes"}) avatar["networks"].erase(name);
     fields["grid"].erase("subdivide");
-    // The radius decides where centres are taken to be, for a capture without measured eyeballs.
+    // The radius determines the assumed centres of a capture without measured eyeballs.
     const Json radius = fields["gaussians"]["eyeball"]["radius"];
     fields["gaussians"] = {{"eyeball", {{"radius", radius}}}};
     return fields;

@@ -26,7 +26,7 @@ Bytes zlib_deflate(ByteSpan raw) {
             const std::size_t n =
                 std::min<std::size_t>(raw.size(), std::numeric_limits<uInt>::max());
             stream.next_in =
-                const_cast<Bytef*>(reinterpret_cast<const Bytef*>(raw.data())); // it only reads
+                const_cast<Bytef*>(reinterpret_cast<const Bytef*>(raw.data())); // only read
             stream.avail_in = static_cast<uInt>(n);
             raw = raw.subspan(n);
         }

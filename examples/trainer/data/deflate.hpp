@@ -6,7 +6,8 @@
 
 namespace rye::trainer {
 
-/// A raw deflate stream of the bytes, at zlib's default level. Throws Error if zlib fails.
+/// Returns a raw deflate stream of the bytes, at zlib's default level. Throws an Error if zlib
+/// fails.
 Bytes zlib_deflate(ByteSpan raw);
 
 } // namespace rye::trainer

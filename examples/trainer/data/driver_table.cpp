@@ -41,11 +41,11 @@ struct Row {
     Angles gaze;
 };
 
-/// The place of a column's number, and its bounds.
+/// Destination of a column's number, and its bounds.
 struct Column {
     std::string name;
     double least = -most_number, most = most_number;
-    std::function<void(Row&, double)> set; ///< empty: text that is not read
+    std::function<void(Row&, double)> set; ///< empty for text that is not read
 };
 
 std::map<std::string, Column> known_columns(const DriverNames& names) {
@@ -76,7 +76,7 @@ std::map<std::string, Column> known_columns(const DriverNames& names) {
     return all;
 }
 
-/// The fields of a line, without spaces around them. Names and numbers need no quotes.
+/// Returns the fields of a line, without surrounding spaces. Names and numbers need no quotes.
 std::vector<std::string_view> fields_of(std::string_view line) {
     std::vector<std::string_view> fields;
     for (;;) {
@@ -91,7 +91,7 @@ std::vector<std::string_view> fields_of(std::string_view line) {
     }
 }
 
-/// The columns that the first line names.
+/// Returns the columns that the first line names.
 std::vector<Column> header_of(std::string_view line, const std::string& who,
                               const DriverNames& names) {
     const std::map<std::string, Column> known = known_columns(names);
@@ -125,7 +125,7 @@ std::vector<Column> header_of(std::string_view line, const std::string& who,
     return columns;
 }
 
-/// Up to the end of the line, which is removed from the text.
+/// Removes the first line from the text and returns it.
 std::string_view take_line(std::string_view& text) {
     const std::size_t end = text.find('\n');
     std::string_view line = text.substr(0, end);
@@ -172,12 +172,12 @@ Angles angles_of(const Drivers<float>& d) {
 std::vector<Drivers<float>> parse_drivers(std::string_view text, const std::string& name,
                                           const DriverNames& names,
                                           const Drivers<float>& otherwise) {
-    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3); // as spreadsheets begin a file
+    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3); // byte order mark of spreadsheets
     require(!text.empty(), name, "is empty, expected a line of names of columns");
     const std::vector<Column> columns = header_of(take_line(text), name, names);
     const Row usual{otherwise, angles_of(otherwise)};
     std::vector<Drivers<float>> frames;
-    // Of a frame in a list that has grown to twice its length.
+    // Memory per frame in a list that has grown to twice its length.
     const std::uint64_t each =
         2 * sizeof(Drivers<float>) + 4 * static_cast<std::uint64_t>(names.expression) + 32;
     for (std::size_t number = 2; !text.empty(); ++number) {

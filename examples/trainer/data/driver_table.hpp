@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// data/driver_table.hpp: drivers of a head, frame by frame, as a CSV file that people and programs
-/// write: a line of names of columns, then a line a frame. docs/formats.md has the columns.
+/// write: a line of column names, then a line per frame. docs/formats.md has the columns.
 #pragma once
 
 #include <filesystem>
@@ -18,16 +18,17 @@ struct DriverNames {
     std::vector<std::string> coefficients;
 };
 
-/// Frames of a file: for each, the drivers of `otherwise` with the file's columns in their place.
-/// Gazes are along the axis of the run. Throws Error with file, line, column and value.
+/// Returns the frames of a file: for each, the drivers of `otherwise` with the file's columns in
+/// their place. Gazes are along the axis of the run. Throws an Error with file, line, column and
+/// value.
 std::vector<Drivers<float>> read_drivers(const std::filesystem::path& path,
                                          const DriverNames& names, const Drivers<float>& otherwise);
-/// The same from the text of a file; errors begin with `name`.
+/// Returns the frames in the text of a file; errors begin with `name`.
 std::vector<Drivers<float>> parse_drivers(std::string_view text, const std::string& name,
                                           const DriverNames& names,
                                           const Drivers<float>& otherwise);
 
-/// All columns of these frames, with the ids of the frames first, as read_drivers takes them.
+/// Returns all columns of these frames as read_drivers takes them, after the ids of the frames.
 std::string text_of_drivers(const std::vector<Drivers<float>>& frames,
                             const std::vector<std::string>& ids);
 

@@ -14,13 +14,13 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// The losses of the paper alone, as fields of a configuration.
+/// Returns the paper's losses alone, as fields of a configuration.
 Json paper_losses() {
     const Json all = to_json(preset("paper"))["gaussians"]["weights"];
     return {{"gaussians", {{"weights", all}}}};
 }
 
-/// With some weights of stage 2 in their place.
+/// Returns the losses with some weights of stage 2 replaced.
 Json with_weights(Json losses, const Json& weights) {
     losses["gaussians"]["weights"].update(weights);
     return losses;
@@ -57,7 +57,7 @@ Experiment losses() {
     Json neither = no_eyeball;
     neither["blank"] = 0;
     row("without both", "losses_neither", neither);
-    // Additions to the paper, each alone: those of the preset, and two that `tiny` alone has.
+    // Additions to the paper, each alone: those of the preset, and two that only `tiny` has.
     const auto added = [&](const char* from, const std::string& name,
                            const std::vector<const char*>& fields) {
         const Json ours = to_json(preset(from))["gaussians"]["weights"];
@@ -102,7 +102,7 @@ std::string listed(const std::vector<std::string>& words) {
     return text;
 }
 
-/// Fields of a JSON object, every one of which must be known.
+/// Fields of a JSON object, all of which must be known.
 class Fields {
   public:
     Fields(const Json& json, std::string who, std::string path)

@@ -12,60 +12,61 @@
 
 namespace rye::trainer {
 
-/// A number of results.json (of `rye evaluate`) that a table has as a column.
+/// Number in results.json (of `rye evaluate`) that is a column of a table.
 struct Metric {
     std::string name;    ///< in lists and CSV files
     std::string title;   ///< in tables
-    std::string pointer; ///< where it is in a group of results.json; empty: found of visible eyes
-    int digits;          ///< after the point
+    std::string pointer; ///< in a group of results.json; empty: irises found of visible eyes
+    int digits;          ///< after the decimal point
 };
 const std::vector<Metric>& all_metrics();
 
-/// A row of a table: one configuration.
+/// Row of a table: one configuration.
 struct ExperimentRow {
     std::string name;              ///< in the table
-    std::string run;               ///< of the folder of its runs; rows may share one
+    std::string run;               ///< folder name of its runs; rows may share one
     nlohmann::ordered_json config; ///< fields that replace those of preset and base
-    TrainConfig effective = {};    ///< of preset, base and config; with the first seed
+    TrainConfig effective = {};    ///< preset, base and config together, with the first seed
 };
 
-/// A table: rows, the first of which the others are compared with.
+/// Table of rows, which are compared with the first one.
 struct Experiment {
-    std::string name; ///< of its files
+    std::string name; ///< name of its files
     std::string title;
     std::string preset = "cpu";
     nlohmann::ordered_json base = nlohmann::ordered_json::object();
     std::vector<ExperimentRow> rows = {};
     std::vector<std::string> columns = {};            ///< names of metrics
-    std::vector<std::filesystem::path> captures = {}; ///< of a file; those of the command line win
-    std::vector<std::uint64_t> seeds = {};            ///< the same
+    std::vector<std::filesystem::path> captures = {}; ///< the command line's take precedence
+    std::vector<std::uint64_t> seeds = {};            ///< likewise
 };
 
-/// "mechanisms", "losses" and "deformation": tables 1, 2 and 3 of the paper.
+/// Returns "mechanisms", "losses" and "deformation": tables 1, 2 and 3 of the paper.
 const std::vector<std::string>& built_in_experiments();
 Experiment built_in_experiment(const std::string& name);
 
-/// From a JSON file (docs/evaluation.md); Error with file and field for what is wrong in it.
+/// Returns the experiment in a JSON file (docs/evaluation.md); throws an Error with file and field
+/// for faults in it.
 Experiment read_experiment(const std::filesystem::path& path);
-/// As read_experiment, from the text of the list at `path`.
+/// Returns the experiment in the text of the file at `path`, as read_experiment.
 Experiment parse_experiment(std::string_view text, const std::filesystem::path& path);
 
-/// The list as such a file.
+/// Returns an experiment as such a file.
 nlohmann::ordered_json to_json(const Experiment& experiment);
 
-/// Settings that all rows of an experiment share.
+/// Settings shared by all rows of an experiment.
 struct ExperimentSettings {
-    std::string preset;          ///< instead of the list's; empty: the list's
-    nlohmann::ordered_json base; ///< after the list's base; null: nothing
+    std::string preset;          ///< replaces the experiment's, unless empty
+    nlohmann::ordered_json base; ///< applied after the experiment's base; null for nothing
     std::string base_source;     ///< named in errors
     std::uint64_t seed = 1;
 };
 
-/// Sets the effective configurations; Error that names row and field for one that is not valid, and
-/// for two rows of one run that differ.
+/// Sets the effective configurations; throws an Error that names row and field for an invalid one,
+/// and for two rows of one run that differ.
 void configure(Experiment& experiment, const ExperimentSettings& settings);
 
-/// Letters, digits, '-' and '.' of a name, others as '_': fit for a folder.
+/// Returns a name fit for a folder: letters, digits, '-' and '.' kept, others as '_'.
 std::string folder_name(const std::string& name);
 
 } // namespace rye::trainer

@@ -13,7 +13,7 @@
 namespace rye::trainer {
 namespace {
 
-/// Points (E, N, 3) as 3 x N for each e.
+/// Returns points (E, N, 3) as 3 x N for each e.
 std::vector<Columns<double>> read_shapes(const NpzArrays& arrays, const std::string& file,
                                          const std::string& name, Index expression) {
     const std::string who = file + ": " + name;

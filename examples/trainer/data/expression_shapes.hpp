@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// data/expression_shapes.hpp: the displacements that a capture's face model has for its
-/// expression coefficients, from the optional file expression_shapes.npz.
+/// data/expression_shapes.hpp: displacements by the expression coefficients of a capture's face
+/// model, from the optional file expression_shapes.npz.
 #pragma once
 
 #include <string>
@@ -11,12 +11,12 @@
 
 namespace rye::trainer {
 
-/// E x 3 L, displacement (e, 3 l + axis) by a coefficient of 1 in the head frame, for the landmarks
-/// of frame_landmarks; empty without the file. Throws Error for a file that does not fit the
-/// capture or has numbers that are not finite.
+/// Returns E x 3 L, the displacement (e, 3 l + axis) by a coefficient of 1 in the head frame, for
+/// the landmarks of frame_landmarks; empty without the file. Throws an Error for a file that does
+/// not fit the capture or has numbers that are not finite.
 Columns<double> expression_shapes(const Capture& capture);
-/// As expression_shapes, from the bytes of the file, for these numbers of coefficients and of
-/// vertices of a frame; `who` begins the messages.
+/// Returns the same from the bytes of the file, for these numbers of coefficients and of a frame's
+/// vertices; `who` begins the messages.
 Columns<double> parse_expression_shapes(ByteSpan bytes, const std::string& who, Index expression,
                                         Index vertices);
 

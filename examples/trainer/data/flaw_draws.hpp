@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// data/flaw_draws.hpp: kinds of errors that `rye flaw` puts into a capture, their sizes, the
-/// random numbers of each, and what was drawn. Each kind has a stream of its own, keyed by its
-/// name: no kind changes the numbers of another. A size is the standard deviation of a normal
-/// distribution; of percents, that of a logarithm.
+/// data/flaw_draws.hpp: kinds of errors that `rye flaw` puts into a capture, with their sizes,
+/// random numbers and sums. Each kind has its own stream, keyed by its name: no kind changes the
+/// numbers of another. A size is the standard deviation of a normal distribution; in percent, that
+/// of a logarithm.
 #pragma once
 
 #include <array>
@@ -31,21 +31,21 @@ enum class Flaw {
     white_balance,     ///< light of each channel of a camera
     exposure,          ///< light of a frame, all cameras alike
     vignetting,        ///< light lost in the corners of a camera's pictures
-    blur,              ///< of pictures
-    noise,             ///< a channel of a pixel
+    blur,              ///< blur of pictures
+    noise,             ///< noise of a channel of a pixel
     jpeg,              ///< quality of pictures
     soft_masks,        ///< blur of masks
     wrong_masks,       ///< each coordinate of a mask's displacement
     eye_mask_dilation, ///< distance by which eye masks grow
-    drop_views,        ///< share of the views that are left out
+    drop_views,        ///< share of the views that are dropped
 };
 inline constexpr std::size_t flaw_count = 21;
 
-/// How a kind is called in files and on the command line, and its units.
+/// Name of a kind in files and on the command line, and its units.
 struct FlawKind {
     const char* name;
     const char* unit;
-    const char* rms_unit; ///< of what is measured; null: a count alone
+    const char* rms_unit; ///< unit of the measured sum; null for a count alone
 };
 inline constexpr std::array<FlawKind, flaw_count> flaw_kinds{{
     {"gaze-common", "degrees", "degrees"},
@@ -72,7 +72,7 @@ inline constexpr std::array<FlawKind, flaw_count> flaw_kinds{{
 }};
 constexpr const FlawKind& kind_of(Flaw flaw) { return flaw_kinds[static_cast<std::size_t>(flaw)]; }
 
-/// A T of each kind.
+/// A T for each kind.
 template <class T>
 struct OfFlaws {
     std::array<T, flaw_count> values{};
@@ -80,10 +80,10 @@ struct OfFlaws {
     const T& operator[](Flaw flaw) const { return values[static_cast<std::size_t>(flaw)]; }
 };
 
-/// Sizes in the kinds' units; 0: not put in.
+/// Sizes in the kinds' units; 0 for none.
 using FlawSizes = OfFlaws<double>;
 
-/// What was put in, in rms_unit; a count of pixels or views where there is none.
+/// Sum of the errors of a kind, in rms_unit, or a count of pixels or views.
 struct FlawSum {
     double squares = 0;
     std::int64_t count = 0; ///< numbers drawn, or pixels or views changed
@@ -100,7 +100,7 @@ struct FlawSum {
 };
 using FlawSums = OfFlaws<FlawSum>;
 
-/// Random numbers of one kind, and of a frame or camera of it by index.
+/// Random numbers of one kind, and of one of its frames or cameras by index.
 struct FlawDraws {
     std::uint64_t seed = 0;
 
@@ -113,7 +113,7 @@ struct FlawDraws {
     }
 };
 
-/// A normal number of standard deviation `size`, added to the sum.
+/// Returns a normal number of standard deviation `size`, and adds it to the sum.
 inline double drawn(const Random& random, std::uint64_t index, double size, FlawSum& sum) {
     const double x = size * random.normal(index);
     sum.add(x);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// data/flaw_labels.hpp: errors in the labels of a frame and in a camera's calibration, as the
-/// arrays of a capture's files. Arrays keep their types and shapes, and what is not named stays.
+/// data/flaw_labels.hpp: errors in the labels of a frame and in a camera's calibration, as arrays
+/// of a capture's files. Arrays keep their types and shapes; other arrays are unchanged.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@ namespace rye::trainer {
 struct LabelFlaws {
     FlawDraws draws;
     FlawSizes sizes;
-    double expression_share = 1; ///< of the coefficients that are off
+    double expression_share = 1; ///< share of the coefficients that are wrong
     double unit_mm = 100;        ///< a world unit [mm]
     std::size_t frame = 0;       ///< index in the capture
 
@@ -26,8 +26,8 @@ struct LabelFlaws {
     bool has_gaze() const { return has(Flaw::gaze_common) || has(Flaw::gaze_single); }
 };
 
-/// Puts errors into exp_coeff and pose of a params.npz; `who` begins messages. A rotation turns the
-/// head about its frame's origin.
+/// Puts errors into exp_coeff and pose of a params.npz; `who` begins messages. A rotation is about
+/// the origin of the head's frame.
 void flaw_params(NpzArrays& arrays, const LabelFlaws& flaws, const std::string& who,
                  FlawSums& sums);
 
@@ -36,22 +36,22 @@ void flaw_params(NpzArrays& arrays, const LabelFlaws& flaws, const std::string& 
 void flaw_gaze(NpzArrays& arrays, const Vec3<double>& rotation, const LabelFlaws& flaws,
                const std::string& who, FlawSums& sums);
 
-/// Moves points (N, 3); `list` tells lists of points of a frame apart.
+/// Moves points (N, 3); `list` distinguishes the lists of points of a frame.
 void flaw_points(NpyArray& points, std::size_t list, const LabelFlaws& flaws,
                  const std::string& who, FlawSums& sums);
 
 /// Errors of a camera's calibration, the same in all frames.
 struct CalibrationFlaws {
     Vec3<double> rotation = Vec3<double>::Zero(); ///< about its centre, camera axes [rad]
-    Vec3<double> position = Vec3<double>::Zero(); ///< of its centre [world units]
+    Vec3<double> position = Vec3<double>::Zero(); ///< motion of its centre [world units]
     double focal = 1;                             ///< factor of both focal lengths
 };
 
-/// Draws them for the camera of this index.
+/// Draws the errors of the camera with this index.
 CalibrationFlaws calibration_flaws(const FlawDraws& draws, const FlawSizes& sizes, double unit_mm,
                                    std::size_t camera, FlawSums& sums);
 
-/// Puts them into intrinsic and extrinsic of a camera's npz.
+/// Puts errors into intrinsic and extrinsic of a camera's npz.
 void flaw_camera(NpzArrays& arrays, const CalibrationFlaws& flaws, const std::string& who);
 
 } // namespace rye::trainer

@@ -15,8 +15,8 @@ std::uint8_t rounded(double x) {
     return static_cast<std::uint8_t>(std::lround(std::clamp(x, 0.0, 255.0)));
 }
 
-/// Column i of the result is a mean of the columns around it along one axis; weights beyond the
-/// image are left out.
+/// Returns an image blurred along one axis: each column is a mean of the columns around it, without
+/// weights beyond the image.
 Image<float> blurred_along(const Image<float>& in, const std::vector<float>& weights,
                            bool along_x) {
     Image<float> out(in.width, in.height, in.channels());
@@ -35,7 +35,7 @@ Image<float> blurred_along(const Image<float>& in, const std::vector<float>& wei
     return out;
 }
 
-/// Blurred by a normal kernel of a standard deviation [px].
+/// Returns an image blurred by a normal kernel of a standard deviation [px].
 Image<float> blurred(const Image<float>& in, double size) {
     std::vector<float> weights;
     const int reach = static_cast<int>(std::ceil(4 * size));
@@ -44,12 +44,13 @@ Image<float> blurred(const Image<float>& in, double size) {
     return blurred_along(blurred_along(in, weights, true), weights, false);
 }
 
-/// Coverage of pixel i, 1 where there is no mask.
+/// Returns the coverage of pixel i, 1 without a mask.
 double coverage(const Image8* mask, Index i) {
     return mask == nullptr ? 1 : mask->values[static_cast<std::size_t>(i)] / 255.0;
 }
 
-/// Stored values [of 255] of a picture over black, of linear light before it was cut out.
+/// Returns the stored values [of 255] of a picture over black, from linear light before it was cut
+/// out.
 Vec3<double> stored(const Vec3<double>& light, double alpha) {
     Vec3<double> v;
     for (const int c : {0, 1, 2})
@@ -57,7 +58,7 @@ Vec3<double> stored(const Vec3<double>& light, double alpha) {
     return v;
 }
 
-/// Blurs light within the mask: pixels outside have no part in it.
+/// Blurs light within the mask; pixels outside do not contribute.
 void blur_light(Image<float>& light, const Image<float>& values, const Image8* mask, double size,
                 FlawSum& sum) {
     Image<float> weighted(light.width, light.height, 4);
@@ -75,7 +76,7 @@ void blur_light(Image<float>& light, const Image<float>& values, const Image8* m
     }
 }
 
-/// Blur, falloff and gains of stored values [of 255].
+/// Applies blur, falloff and gains to stored values [of 255].
 void flaw_light(Image<float>& values, const Image8* mask, const LightFlaws& flaws, FlawSums& sums) {
     Image<float> light(values.width, values.height, 3);
     for (Index i = 0; i < light.size(); ++i) {
@@ -100,14 +101,14 @@ void flaw_light(Image<float>& values, const Image8* mask, const LightFlaws& flaw
         }
 }
 
-/// Weights of a cubic B-spline on four points, the second of which is `t` below.
+/// Returns the weights of a cubic B-spline on four points, the second of which is `t` below.
 std::array<double, 4> spline_weights(double t) {
     const double u = 1 - t;
     return {u * u * u / 6, (3 * t * t * t - 6 * t * t + 4) / 6, (3 * u * u * u - 6 * u * u + 4) / 6,
             t * t * t / 6};
 }
 
-/// A smooth field of standard normal numbers over an image, alike over `spacing` pixels.
+/// Smooth field of standard normal numbers over an image, alike over `spacing` pixels.
 class SmoothField {
   public:
     SmoothField(const Random& random, int width, int height, double spacing)
@@ -137,7 +138,7 @@ class SmoothField {
     std::vector<double> points_; // row by row
 };
 
-/// The value between pixels of one channel; beyond the border that of the border.
+/// Returns the value of one channel between pixels; beyond the border, the border's.
 double between(const Image8& image, double x, double y) {
     const auto value = [&](int u, int v) {
         u = std::clamp(u, 0, image.width - 1);
@@ -223,7 +224,7 @@ Image8 displaced(const Image8& mask, double size, const Random& random, FlawSums
 
 Image8 dilated(const Image8& eyes, double distance, FlawSums& sums) {
     Image8 out = eyes;
-    std::vector<int> nearest(eyes.values.size(), std::numeric_limits<int>::max()); // squared [px]
+    std::vector<int> nearest(eyes.values.size(), std::numeric_limits<int>::max()); // squared [px^2]
     const int reach = static_cast<int>(distance);
     const auto at = [&](int x, int y) {
         return static_cast<std::size_t>(y) * static_cast<std::size_t>(eyes.width) +

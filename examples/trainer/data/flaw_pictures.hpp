@@ -23,15 +23,15 @@ struct LightFlaws {
 LightFlaws light_flaws(const FlawDraws& draws, const FlawSizes& sizes, std::size_t camera,
                        FlawSums& sums);
 
-/// A picture, and the masks of one that is over black; null of a photograph.
+/// Picture with its masks, which are for one over black; null for a photograph.
 struct FlawedPicture {
     const Image8* picture = nullptr; ///< 3 channels
-    const Image8* mask = nullptr;    ///< by which it was cut out
-    const Image8* cut = nullptr;     ///< by which it is cut out anew, where that is less
+    const Image8* mask = nullptr;    ///< mask by which it was cut out
+    const Image8* cut = nullptr;     ///< mask by which it is cut out again, if smaller
 };
 
-/// Returns the picture with the errors; `noise` draws each number of it. A picture over black is
-/// changed within its mask alone.
+/// Returns the picture with the errors; `noise` draws each number of it. A picture over black
+/// changes within its mask alone.
 Image8 flawed_picture(const FlawedPicture& p, const LightFlaws& flaws, const Random& noise,
                       FlawSums& sums);
 
@@ -39,7 +39,7 @@ Image8 flawed_picture(const FlawedPicture& p, const LightFlaws& flaws, const Ran
 Image8 softened(const Image8& mask, double size, FlawSums& sums);
 
 /// Returns the mask displaced by a smooth random field, whose coordinates have a standard deviation
-/// of `size` [px] and are alike over about 4 * size + 4 pixels.
+/// of `size` [px] and are correlated over about 4 * size + 4 pixels.
 Image8 displaced(const Image8& mask, double size, const Random& random, FlawSums& sums);
 
 /// Returns the eye mask with the labels of pixels up to `distance` [px] away from an eyeball.

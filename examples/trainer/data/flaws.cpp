@@ -28,10 +28,10 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-/// Kinds of pictures, longer names before those that they end in.
+/// Kinds of pictures; a longer name comes before one that it ends in.
 constexpr std::array picture_kinds{"image_lowres_", "mask_lowres_", "eye_mask_",
                                    "visible_",      "image_",       "mask_"};
-/// What an import or a flaw notes of its own folder.
+/// Records of an import or a flaw about its own folder.
 constexpr std::array records{"flaws.json", "import.json", "lock"};
 
 constexpr std::array label_kinds{
@@ -50,13 +50,13 @@ fs::path beside(const fs::path& out, const char* suffix) {
     return path;
 }
 
-/// capture.json, or null if there is none.
+/// Returns capture.json, or null if there is none.
 Json description_of(const fs::path& folder) {
     const fs::path path = folder / "capture.json";
     return fs::exists(path) ? read_json<Json>(path) : Json();
 }
 
-/// A world unit [mm]: unit_mm of capture.json, else a decimetre.
+/// Returns a world unit [mm]: unit_mm of capture.json, else a decimetre.
 double unit_of(const Json& description, const std::string& who) {
     constexpr double decimetre = 100;
     if (!description.is_object()) return decimetre;
@@ -69,12 +69,12 @@ void write_arrays(const fs::path& path, const NpzArrays& arrays) {
     write_atomic(path, npz_bytes(arrays), Durability::atomic_only);
 }
 
-/// One view of the copy.
+/// View of the copy.
 struct View {
     std::size_t frame, camera;
 };
 
-/// The work on one capture.
+/// Copy of one capture with errors.
 class Flawed {
   public:
     explicit Flawed(const FlawOptions& options);
@@ -134,7 +134,7 @@ class Flawed {
     Capture capture_;
     Json description_;
     double unit_mm_;
-    fs::path to_; // the copy until it is whole
+    fs::path to_; // temporary folder of the copy
     std::map<std::string, std::size_t> frame_index_, camera_index_;
     std::vector<bool> label_frames_, picture_frames_; // by frame
     std::vector<bool> left_out_;                      // views, by frame and camera
@@ -144,7 +144,7 @@ class Flawed {
     FlawReport report_;
 };
 
-/// Refuses what cannot be written before the capture is read.
+/// Rejects an impossible output before the capture is read.
 const FlawOptions& checked(const FlawOptions& o) {
     const std::string who = o.out.string();
     require(!o.out.empty(), "--out", "got '', expected a folder to write");
@@ -178,7 +178,7 @@ Flawed::Flawed(const FlawOptions& options)
     lights_.resize(cameras);
     exposures_.resize(frames, 1);
     for (std::size_t c = 0; c < cameras; ++c) {
-        // Of cameras that stay, each counts once.
+        // Each remaining camera counts once.
         FlawSums unseen;
         const bool stays = o_.one_camera.empty() || capture_.camera_ids[c] == o_.one_camera;
         FlawSums& sums = stays ? report_.sums : unseen;
@@ -198,7 +198,7 @@ std::vector<bool> Flawed::chosen(FlawedFrames which) const {
     return list;
 }
 
-/// Throws Error where the capture lacks what an error is to be put into.
+/// Throws an Error if the capture lacks the data that an error is for.
 void Flawed::require_present() const {
     const auto option = [&](std::initializer_list<Flaw> flaws) -> std::string {
         for (const Flaw f : flaws)
@@ -226,8 +226,8 @@ void Flawed::require_present() const {
                 capture_.folder.string() + ": not every view has an eye mask");
 }
 
-/// Views of other cameras than the one that stays go, and a share of those with labels of flawed
-/// frames; each frame and each camera keeps the view that would go last.
+/// Drops views of cameras other than the chosen one, and a share of those with labels of flawed
+/// frames; each frame and each camera keeps its last view.
 void Flawed::choose_views() {
     const std::size_t frames = capture_.frames.size(), cameras = capture_.camera_ids.size();
     const double share = o_.sizes[Flaw::drop_views];
@@ -274,7 +274,7 @@ void Flawed::choose_views() {
         }
 }
 
-/// The camera in the name of a file, after the kind that begins it; empty where it has none.
+/// Returns the camera in a file's name, after the kind that begins it; empty if it has none.
 std::string camera_of(const fs::path& folder, const std::string& stem, std::string& kind) {
     if (folder == "cameras" && stem.starts_with("camera_")) kind = "camera_";
     if (folder == "images")
@@ -283,18 +283,18 @@ std::string camera_of(const fs::path& folder, const std::string& stem, std::stri
     return kind.empty() ? "" : stem.substr(kind.size());
 }
 
-/// Whether a file of a view is in the copy as it is.
+/// Returns true if the copy has a file of a view unchanged.
 bool Flawed::copies_view(std::size_t f, std::size_t c, const std::string& kind) const {
     if (leaves_out(f, c)) return false;
     if (kind == "camera_") return !flaws_camera(f);
     if (kind == "image_") return !flaws_picture(f);
     if (kind == "mask_") return !flaws_mask(f);
     if (kind == "eye_mask_") return !flaws_eye_mask(f);
-    // Half-size pictures would not be those of the others.
+    // Half-size pictures would not match the others.
     return kind == "visible_" || (!flaws_picture(f) && !flaws_mask(f));
 }
 
-/// Whether a file, by its path in the capture, is in the copy as it is.
+/// Returns true if the copy has a file, by its path in the capture, unchanged.
 bool Flawed::copies(const fs::path& file) const {
     const std::vector<fs::path> parts(file.begin(), file.end());
     if (parts.size() == 1)
@@ -411,7 +411,7 @@ void Flawed::write_picture(View v, const CaptureView& view, const Image8& mask,
         sums[Flaw::jpeg].add(double(back.values[i]) - double(after.values[i]));
 }
 
-/// A message about the unfinished copy, by the name that was asked for.
+/// Returns a message about the unfinished copy with the requested name.
 std::string Flawed::in_out(std::string message) const {
     const std::string unfinished = to_.string();
     for (std::size_t at = 0; (at = message.find(unfinished, at)) != std::string::npos;)
@@ -419,7 +419,7 @@ std::string Flawed::in_out(std::string message) const {
     return message;
 }
 
-/// Replaces capture.json where cameras or checksums of arrays are others.
+/// Replaces capture.json if cameras or checksums of arrays have changed.
 void Flawed::write_description() const {
     if (!description_.is_object()) return;
     Json now = description_;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// data/flaws.hpp: a copy of a capture with chosen errors put in, for measuring what they cost.
-/// Files that no error touches are copied byte by byte; the copy appears whole or not at all, and
-/// its flaws.json tells what was put in. Units: data/flaw_draws.hpp.
+/// data/flaws.hpp: a copy of a capture with chosen errors, to measure their effect. Files without
+/// errors are copied byte by byte; the copy appears complete or not at all, and its flaws.json
+/// lists the errors. Units: data/flaw_draws.hpp.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@
 
 namespace rye::trainer {
 
-/// Frames that errors of a kind are put into.
+/// Frames that get errors of a kind.
 enum class FlawedFrames { train, all };
 
 /// Arguments of `rye flaw`.
@@ -20,26 +20,26 @@ struct FlawOptions {
     std::filesystem::path capture, out;
     std::uint64_t seed = 0;
     FlawSizes sizes;
-    double expression_share = 1;               ///< of the coefficients that are off
-    std::string one_camera;                    ///< the only one that stays; empty: all
+    double expression_share = 1;               ///< share of the coefficients that are wrong
+    std::string one_camera;                    ///< the only one kept; empty: all
     FlawedFrames labels = FlawedFrames::train; ///< gazes, poses, cameras, masks, missing views
     FlawedFrames pictures = FlawedFrames::all; ///< light, blur, noise, JPEG
 };
 
-/// What was put in.
+/// Result of write_flawed.
 struct FlawReport {
     FlawSums sums;
-    int label_frames = 0, picture_frames = 0; ///< frames that such errors may be in
-    int views = 0, views_left_out = 0;        ///< of the copy, and of the capture beyond it
+    int label_frames = 0, picture_frames = 0; ///< frames that may have such errors
+    int views = 0, views_left_out = 0;        ///< kept in the copy, and dropped from the capture
     std::string verdict;                      ///< of `rye info`
 
-    /// Returns a line for each kind that was put in.
+    /// Returns a line for each kind of error.
     std::string text(const FlawOptions& options) const;
 };
 
-/// Writes the copy. Throws Error, with option and value or with the file, where --out is there, the
-/// capture is not valid or lacks what an error is to be put into, or the copy would not be valid;
-/// nothing is left in that case.
+/// Writes the copy. Throws an Error, with option and value or with the file, if --out exists, if
+/// the capture is not valid or lacks the data that an error is for, or if the copy would not be
+/// valid; leaves nothing in that case.
 FlawReport write_flawed(const FlawOptions& options);
 
 } // namespace rye::trainer

@@ -15,7 +15,7 @@
 namespace rye::trainer {
 namespace {
 
-/// "rye train, process 12 on HOST since 2026-01-02T03:04:05Z"
+/// Returns words such as "rye train, process 12 on HOST since 2026-01-02T03:04:05Z".
 std::string words_of(const std::string& holder) {
     std::array<char, 256> host{};
     if (::gethostname(host.data(), host.size() - 1) != 0) host[0] = '\0';
@@ -28,7 +28,7 @@ std::string words_of(const std::string& holder) {
            since.data();
 }
 
-/// The first line of the lock's file, printable.
+/// Returns the first line of the lock's file, printable.
 std::string read_words(int file) {
     std::array<char, 400> text{};
     const ::ssize_t n = ::pread(file, text.data(), text.size(), 0);
@@ -44,10 +44,10 @@ std::string read_words(int file) {
 
 FolderLock::FolderLock(const std::filesystem::path& folder, const LockOptions& options) {
     const std::filesystem::path path = folder / "lock";
-    // Where children are to hold it too, it is not closed by exec.
+    // Not closed by exec if children are to hold it, too.
     file_ = ::open(path.c_str(), O_RDWR | O_CREAT | (options.children_too ? 0 : O_CLOEXEC), 0666);
     require(file_ >= 0, path.string(), "cannot be written: ", [&] { return std::strerror(errno); });
-    const int tries = 1 + static_cast<int>(10 * options.patience); // one each 0.1 s
+    const int tries = 1 + static_cast<int>(10 * options.patience); // one every 0.1 s
     for (int i = 0; ::flock(file_, LOCK_EX | LOCK_NB) != 0; ++i) {
         if (errno == EINTR) continue;
         if (errno != EWOULDBLOCK) return; // a file system without locks
@@ -60,7 +60,7 @@ FolderLock::FolderLock(const std::filesystem::path& folder, const LockOptions& o
         }
         ::usleep(100000);
     }
-    // Who has it is for people: a full disk does not matter.
+    // The holder's words are for people: a full disk does not matter.
     const std::string words = words_of(options.holder) + "\n";
     if (::ftruncate(file_, 0) == 0 && ::pwrite(file_, words.data(), words.size(), 0) < 0) return;
 }

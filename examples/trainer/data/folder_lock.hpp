@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// data/folder_lock.hpp: a lock of a folder that one process at a time may write to, with the words
-/// for the others of who has it. The system gives it back when the process ends, whatever ended it;
-/// the file stays.
+/// data/folder_lock.hpp: lock of a folder that one process at a time may write to, with words that
+/// tell the others who holds it. The system releases it when the process ends, for any reason; the
+/// file stays.
 #pragma once
 
 #include <filesystem>
@@ -9,18 +9,18 @@
 
 namespace rye::trainer {
 
-/// How a folder is locked.
+/// Options of a FolderLock.
 struct LockOptions {
-    std::string holder;          ///< what works there: "rye train"
-    double patience = 0;         ///< how long another process is waited for [s]
-    bool children_too = false;   ///< whether children hold it until they have ended
+    std::string holder;          ///< name of the work there: "rye train"
+    double patience = 0;         ///< longest wait for another process [s]
+    bool children_too = false;   ///< true: children hold it until they end
 };
 
-/// A lock of a folder, held until this process has ended, or the object. On a file system without
-/// locks nothing is held.
+/// Lock of a folder, held until the object or the process ends. Holds nothing on a file system
+/// without locks.
 class FolderLock {
   public:
-    /// Throws Error where another process holds it: its number, its host and since when.
+    /// Throws an Error if another process holds it, with its number, its host and the time since.
     FolderLock(const std::filesystem::path& folder, const LockOptions& options);
     ~FolderLock();
     FolderLock(const FolderLock&) = delete;

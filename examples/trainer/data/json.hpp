@@ -24,7 +24,7 @@ inline constexpr std::uint64_t max_json_bytes = 1ULL << 26U;
 
 enum class JsonComments { refused, skipped };
 
-/// Counts what the values of a text will take; throws Error where that is beyond the limit.
+/// Counter of the memory of a text's values; throws an Error beyond the limit.
 class JsonMemory {
   public:
     explicit JsonMemory(const std::string& who) : who_(who) {}
@@ -42,12 +42,12 @@ class JsonMemory {
     bool start_array(std::size_t) { return add(value + text); }
     bool end_array() { return true; }
     bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception&) {
-        return false; // the parser that makes values names it
+        return false; // reported by the parser that makes values
     }
 
   private:
-    /// Of a value in a list that has grown to twice its length, of a string or list without its
-    /// contents, of a member of an object without its value [bytes].
+    /// Memory of a value in a list that has grown to twice its length, of a string or list without
+    /// its contents, of a member of an object without its value [bytes].
     static constexpr std::uint64_t value = 3 * sizeof(nlohmann::json), text = 64, node = 96;
 
     bool add(std::uint64_t bytes) {
@@ -60,7 +60,7 @@ class JsonMemory {
     std::uint64_t bytes_ = 0;
 };
 
-/// Parses a text; errors begin with `who`. Throws Error if it is not JSON, is nested deeper than
+/// Parses a text; errors begin with `who`. Throws an Error if it is not JSON, is nested deeper than
 /// max_json_depth, or would take more memory than json_memory_limit().
 template <class Json = nlohmann::json>
 Json parse_json_text(std::string_view text, const std::string& who,

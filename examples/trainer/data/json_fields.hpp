@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// data/json_fields.hpp: fields of untrusted JSON, each with a type that it must have. `who` names
-/// the file, and what of it the field belongs to. Throws Error with who, the field, what it holds
-/// and what is expected.
+/// data/json_fields.hpp: fields of untrusted JSON, each with a required type. `who` names the file
+/// and the object of the field. Throws an Error with who, the field, its value and the expected
+/// one.
 #pragma once
 
 #include <cmath>
@@ -11,7 +11,7 @@
 
 namespace rye::trainer {
 
-/// A value as JSON, cut where it is long.
+/// Returns a value as JSON, shortened if it is long.
 template <class Json>
 std::string json_excerpt(const Json& value) {
     constexpr std::size_t longest = 80;
@@ -28,14 +28,14 @@ double json_number(const Json& value, const std::string& who) {
     return value.template get<double>();
 }
 
-/// Returns the finite number of a field, or `otherwise` where there is no such field.
+/// Returns the finite number of a field, or `otherwise` if there is no such field.
 template <class Json>
 double json_number(const Json& object, const std::string& key, double otherwise,
                    const std::string& who) {
     return object.contains(key) ? json_number(object.at(key), who + ": " + key) : otherwise;
 }
 
-/// Returns the text of a field, or `otherwise` where there is no such field.
+/// Returns the text of a field, or `otherwise` if there is no such field.
 template <class Json>
 std::string json_text(const Json& object, const std::string& key, const std::string& otherwise,
                       const std::string& who) {
@@ -47,7 +47,7 @@ std::string json_text(const Json& object, const std::string& key, const std::str
     return value.template get<std::string>();
 }
 
-/// Returns the list of a field, which must be there.
+/// Returns the list of a field, which must exist.
 template <class Json>
 const Json& json_list(const Json& object, const char* key, const std::string& who,
                       const char* expected) {

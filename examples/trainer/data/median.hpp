@@ -8,7 +8,7 @@
 
 namespace rye::trainer {
 
-/// Returns the middle number in order, of an even count the upper one; 0 of none.
+/// Returns the middle number in order, the upper one of an even count; 0 for an empty list.
 inline double median(std::vector<double> v) {
     if (v.empty()) return 0;
     const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);

@@ -63,7 +63,7 @@ void append_u16(Bytes& to, int x) {
     to.push_back(static_cast<std::byte>(x));
 }
 
-/// Length, type, data, checksum of type and data.
+/// Returns a chunk: length, type, data, checksum of type and data.
 Bytes chunk(const char* type, ByteSpan data) {
     Bytes out;
     append_u32(out, static_cast<std::uint32_t>(data.size()));
@@ -73,7 +73,7 @@ Bytes chunk(const char* type, ByteSpan data) {
     return out;
 }
 
-/// The data of the chunks of one type of a PNG, joined.
+/// Returns the data of a PNG's chunks of one type, joined.
 Bytes data_of(ByteSpan png, std::string_view type) {
     constexpr std::size_t signature = 8, around = 12;
     Bytes out;
@@ -104,7 +104,7 @@ class AnimatedPng : public MovingPicture {
             file_.write(chunk("IHDR", data_of(png, "IHDR")));
             Bytes all;
             append_u32(all, static_cast<std::uint32_t>(count_));
-            append_u32(all, 0); // plays: without end
+            append_u32(all, 0); // number of plays: endless
             file_.write(chunk("acTL", all));
         }
         file_.write(chunk("fcTL", frame_control()));
@@ -130,7 +130,7 @@ class AnimatedPng : public MovingPicture {
         first_ = {picture.width, picture.height, 3, {}};
         file_.write(as_bytes(std::string_view("\x89PNG\r\n\x1a\n", 8)));
     }
-    /// The whole picture, which replaces the one before.
+    /// Returns the control of a frame: the whole picture, which replaces the previous one.
     Bytes frame_control() {
         Bytes b;
         append_u32(b, sequence_++);
@@ -140,7 +140,7 @@ class AnimatedPng : public MovingPicture {
         append_u32(b, 0);
         append_u16(b, rate_.seconds);
         append_u16(b, rate_.pictures);
-        b.push_back(std::byte{0}); // is not disposed of
+        b.push_back(std::byte{0}); // not disposed of
         b.push_back(std::byte{0}); // overwrites
         return b;
     }
@@ -150,7 +150,7 @@ class AnimatedPng : public MovingPicture {
     FrameRate rate_;
     int count_, added_ = 0;
     std::uint32_t sequence_ = 0;
-    Image8 first_; // its size
+    Image8 first_; // for its size
 };
 
 // ---- Y4M ---------------------------------------------------------------------------------------
@@ -170,8 +170,8 @@ class StandardOutput {
     void commit(Durability) {}
 };
 
-/// Rec. 601, limited range, of 8-bit R'G'B': 16 to 235, and 16 to 240 about 128; to the nearest, in
-/// units of 2^-16.
+/// Returns Y, Cb and Cr of 8-bit R'G'B' by Rec. 601, limited range: 16 to 235, and 16 to 240 about
+/// 128; to the nearest, in units of 2^-16.
 std::array<std::uint8_t, 3> yuv_of(const std::uint8_t* rgb) {
     constexpr std::array<std::array<int, 3>, 3> weights{
         {{16829, 33039, 6416}, {-9714, -19070, 28784}, {28784, -24103, -4681}}};
@@ -221,7 +221,7 @@ class Y4m : public MovingPicture {
     std::string who_;
     FrameRate rate_;
     Output output_;
-    Image8 first_; // its size
+    Image8 first_; // for its size
 };
 
 } // namespace
@@ -235,7 +235,7 @@ FrameRate parsed_rate(const std::string& text, const std::string& who) {
         const auto [stop, bad] = std::from_chars(at + 1, end, r.seconds);
         read = *at == '/' && bad == std::errc() && stop == end;
     }
-    constexpr int most = 65535; // as APNG stores them
+    constexpr int most = 65535; // limit of APNG
     require(read && r.pictures >= 1 && r.pictures <= most && r.seconds >= 1 && r.seconds <= most &&
                 r.pictures >= r.seconds && r.pictures / r.seconds <= 1000,
             who, "got '", text,

@@ -8,7 +8,7 @@
 namespace rye::trainer {
 namespace {
 
-/// Every way to name it; the first one is shown.
+/// Returns all names of a format; the first one is shown.
 std::vector<std::string_view> names_of(OutFormat format) {
     switch (format) {
         case OutFormat::png:
@@ -55,7 +55,7 @@ OutFormat out_format(const std::filesystem::path& path, const std::vector<OutFor
     const std::string extension = extension_of(path);
     for (const OutFormat f : known) {
         if (f == OutFormat::y4m_stream && path == "-") return f;
-        // A last slash leaves no name, and "..." no extension.
+        // A trailing slash leaves no name, and "..." no extension.
         if (f == OutFormat::picture_folder && extension.empty() && path != "-") return f;
         const std::vector<std::string_view> names = names_of(f);
         if (!extension.empty() && std::find(names.begin(), names.end(), extension) != names.end())

@@ -8,19 +8,20 @@
 
 namespace rye::trainer {
 
-/// Enlarges by a whole factor, to about the given width.
+/// Returns an image enlarged by a whole factor, to about the given width.
 Image<float> enlarged(const Image<float>& image, int width);
 
 /// Places images of one height side by side, with a thin gap.
 Image<float> side_by_side(const std::vector<Image<float>>& images);
 
-/// One of `count` images of one width that side_by_side has placed; Error if it cannot be that.
+/// Returns one of `count` images of one width from the result of side_by_side; throws an Error if
+/// the row has another width.
 Image<float> row_part(const Image<float>& row, int part, int count);
 
 /// Stacks images of one width, with a thin gap.
 Image<float> stacked(const std::vector<Image<float>>& images);
 
-/// The rectangle [x, x + w) x [y, y + h), clipped to the image.
+/// Returns the rectangle [x, x + w) x [y, y + h), clipped to the image.
 Image<float> cropped(const Image<float>& image, int x, int y, int w, int h);
 
 } // namespace rye::trainer

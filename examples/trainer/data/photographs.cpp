@@ -13,13 +13,14 @@ namespace {
 using Json = nlohmann::json;
 namespace fs = std::filesystem;
 
-/// A number of the frame, or else of the file, or else `otherwise`.
+/// Returns a number of the frame, or else of the file, or else `otherwise`.
 double number(const Json& file, const Json& frame, const char* key, double otherwise,
               const std::string& who) {
     return json_number(frame.contains(key) ? frame : file, key, otherwise, who);
 }
 
-/// Camera to world, OpenGL's axes: 3 rows of 4 numbers, or 4, as Photograph's camera has it.
+/// Returns a frame's pose, camera to world, from its matrix in OpenGL's axes: 3 or 4 rows of 4
+/// numbers.
 Rigid<double> world_from_camera(const Json& frame, const std::string& frame_name) {
     const std::string who = frame_name + ": transform_matrix";
     require(frame.contains("transform_matrix"), who, "is missing, expected 4 rows of 4 numbers");
@@ -46,7 +47,7 @@ Rigid<double> world_from_camera(const Json& frame, const std::string& frame_name
     return {axes, centre};
 }
 
-/// Camera models that k1, k2, k3, p1 and p2 cover.
+/// Camera models that need no more than k1, k2, k3, p1 and p2.
 constexpr std::array models{"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"};
 
 Photograph photograph(const Json& file, const Json& frame, const std::string& who) {

@@ -18,16 +18,17 @@ struct Photograph {
     Pinhole<double> camera;          ///< without the lens
     BrownConrady<double> lens;
 
-    /// True if a distortion coefficient is not 0.
+    /// Returns true if a distortion coefficient is not 0.
     bool bent() const;
 };
 
-/// All photographs; throws Error, with file and frame, for other camera models. parse_photographs
-/// takes the text of the file; its errors begin with `name`.
+/// Returns all photographs; throws an Error with file and frame for other camera models.
+/// parse_photographs takes the text of the file; its errors begin with `name`.
 std::vector<Photograph> parse_photographs(std::string_view text, const std::string& name);
 std::vector<Photograph> read_photographs(const std::filesystem::path& transforms_json);
 
-/// Distortion coefficients of the file and of its frames, of any model; empty without any.
+/// Returns the distortion coefficients of the file and of its frames, of any model; empty without
+/// any.
 std::vector<double> lens_coefficients(const std::filesystem::path& transforms_json);
 
 } // namespace rye::trainer

@@ -60,7 +60,7 @@ ImageHeader read_image_header(const std::filesystem::path& path) {
 Image8 decode_image(ByteSpan bytes, const std::string& who, int channels) {
     RYE_ASSERT(channels == 0 || channels == 1 || channels == 3, "decode_image: bad channels");
     const ImageHeader h = parse_header(bytes, who);
-    // As the file has it, as it is asked for, and in the floats that it becomes.
+    // Memory of the file's pixels, of the requested ones, and of the floats made of them.
     const auto pixels = static_cast<std::uint64_t>(h.width) * static_cast<std::uint64_t>(h.height);
     const auto asked = static_cast<std::uint64_t>(channels == 0 ? h.channels : channels);
     require_memory(pixels * (static_cast<std::uint64_t>(h.channels) + 5 * asked), memory_limit(), who,
@@ -87,7 +87,7 @@ Image8 to_8bit(const Image<float>& image) {
 
 void write_png(const std::filesystem::path& path, const Image8& image) {
     check_pixels(path, image);
-    // Images come in thousands and can be rendered again.
+    // Pictures number in thousands and can be rendered again.
     write_atomic(path, encode_png(image, path.string()), Durability::atomic_only);
 }
 

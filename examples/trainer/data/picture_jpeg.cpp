@@ -49,7 +49,7 @@ protected:
         info->err->format_message(info, self->message_);
         std::longjmp(self->jump_, 1);
     }
-    /// Warnings caused by common cameras: bytes between segments, version numbers.
+    /// Returns true for warnings caused by common cameras: bytes between segments, version numbers.
     static bool harmless(int code) {
         return code == JWRN_EXTRANEOUS_DATA || code == JWRN_JFIF_MAJOR || code == JWRN_ADOBE_XFORM;
     }

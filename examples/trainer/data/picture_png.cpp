@@ -58,7 +58,7 @@ public:
     }
     ~PngReader() { png_destroy_read_struct(&png_, &info_, nullptr); }
 
-    /// The size, and the channels once palettes and transparent colours are resolved.
+    /// Returns the size, and the channels after palettes and transparent colours are resolved.
     ImageHeader read_header() {
         run([this] {
             png_set_read_fn(png_, this, read);

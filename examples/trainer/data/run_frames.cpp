@@ -24,10 +24,10 @@ constexpr Index landmark_count = 66;
 constexpr double most_off_unit = 1e-3;     // as in the checks of a capture
 constexpr double most_off_rotation = 1e-3; // as in the reader of cameras
 
-/// Fourteen to sixteen numbers of a camera.
+/// Number of a camera's intrinsic and extrinsic numbers.
 constexpr Index intrinsic_numbers = 4, extrinsic_numbers = 12;
 
-/// The stored arrays, of F frames, E coefficients, C cameras and K different poses of cameras.
+/// Stored arrays of F frames, E coefficients, C cameras and K different poses of cameras.
 struct Arrays {
     Index frames = 0, coefficients = 0, cameras = 0, poses = 0;
     std::vector<float> expression;
@@ -69,7 +69,7 @@ CameraNumbers numbers_of(const Pinhole<double>& c) {
     return n;
 }
 
-/// Cameras that stand still are stored once.
+/// Appends the views; cameras that do not move are stored once.
 void append_views(const Capture& c, Arrays& a) {
     std::map<CameraNumbers, std::int64_t> known;
     for (int f = 0; f < c.frame_count(); ++f)
@@ -128,7 +128,7 @@ Arrays arrays_of(const Capture& c) {
     return a;
 }
 
-/// FNV-1a, 64 bits, of all words and tensors.
+/// Returns the FNV-1a hash, 64 bits, of all words and tensors.
 std::string mark_of(std::vector<TensorEntry> entries, const TensorMetadata& words) {
     std::uint64_t hash = 0xcbf29ce484222325U;
     const auto add = [&](ByteSpan bytes) {
@@ -148,7 +148,7 @@ std::string mark_of(std::vector<TensorEntry> entries, const TensorMetadata& word
 
 // ---- reading -----------------------------------------------------------------------------------
 
-/// A file that is read, its words and finite numbers.
+/// File that is read: its words and finite numbers.
 struct Source {
     std::string who;
     Safetensors file;
@@ -181,7 +181,7 @@ struct Source {
         }
         return all;
     }
-    /// Indices below `count`.
+    /// Returns indices below `count`.
     std::vector<int> indices(const std::string& key, int count) const {
         std::vector<int> all;
         for (const Json& item : list(key)) {
@@ -206,7 +206,7 @@ struct Source {
     }
 };
 
-/// Unit vectors of both eyes of frame f.
+/// Returns the unit vector at an index; throws an Error if its length is not 1.
 Vec3<double> direction(const Source& from, const char* name, const std::vector<double>& all,
                        std::size_t at) {
     const Vec3<double> v(all.data() + 3 * at);
@@ -301,7 +301,7 @@ void read_views(const Source& from, Capture& c, Index frames) {
     }
 }
 
-/// The capture of a file that is read.
+/// Returns the capture in a file.
 Capture capture_of(const Source& from) {
     const auto expect = [&](const char* key, const std::string& expected) {
         const std::string& got = from.file.word(key);

@@ -15,17 +15,18 @@ namespace rye::trainer {
 using rye::frame_drivers;
 using Subject = CaptureSubject;
 
-/// Throws Error if the capture lacks what training needs (gaze of every frame, training frames).
+/// Throws an Error if the capture lacks what training needs (gaze of every frame, training frames).
 Subject describe_subject(const Capture& capture, const TrainConfig& config);
 
-/// The camera of the extended image, `factor` times smaller: the same view, of whole blocks.
+/// Returns the camera of the extended image, `factor` times smaller: the same view, of whole
+/// blocks.
 Pinhole<float> reduced(const Pinhole<float>& camera, int factor);
 
-/// Images and drivers of one view for stage 2, on white.
+/// Returns the images and drivers of one view for stage 2, on white.
 AvatarSample<float> avatar_sample(const Capture& capture, const TrainConfig& config, int frame,
                                   int camera);
 
-/// Images and drivers of one view for stage 1, over black.
+/// Returns the images and drivers of some views of a frame for stage 1, over black.
 MeshSample<float> mesh_sample(const Capture& capture, const Subject& subject,
                               const TrainConfig& config, int frame, const std::vector<int>& cameras);
 

@@ -15,7 +15,7 @@ std::unique_ptr<ThreadPool>& pool() {
 } // namespace
 
 void set_threads(int threads) {
-    pool().reset();  // its threads count against the system's limit
+    pool().reset();  // its threads count towards the system's limit
     pool() = std::make_unique<ThreadPool>(threads);
     if (pool()->size() < pool()->asked())
         std::cerr << "rye: warning: the system started " << pool()->size() << " of "

@@ -34,22 +34,22 @@ constexpr int min_side = 16;            ///< of an image [px]; SSIM has a window
 constexpr int few_cameras = 3;          ///< fewer see one side of a head only
 constexpr int few_frames = 8;           ///< fewer do not cover the gazes of an eye
 
-/// With three significant digits.
+/// Returns a number with three significant digits.
 std::string text(double x) {
     char digits[32];
     std::snprintf(digits, sizeof digits, "%.3g", x);
     return digits;
 }
 
-/// "1 camera", "2 cameras".
+/// Returns a text such as "1 camera" or "2 cameras".
 std::string count_text(int n, const char* what) {
     return std::to_string(n) + " " + what + (n == 1 ? "" : "s");
 }
 
-/// The nearest power of ten: units differ by powers of ten.
+/// Returns the nearest power of ten: units differ by powers of ten.
 double power_of_ten(double x) { return std::pow(10.0, std::round(std::log10(x))); }
 
-/// Collects problems; reports the first of a kind, then counts.
+/// Collector of problems, which reports the first of a kind and the number of the others.
 class Findings {
   public:
     void error(const char* kind, const std::string& message) {
@@ -106,7 +106,7 @@ struct ViewIndex {
     int frame, camera;
 };
 
-/// At most `limit` views that are present, spread evenly over frames and cameras.
+/// Returns at most `limit` views that are present, spread evenly over frames and cameras.
 std::vector<ViewIndex> sampled_views(const Capture& c, std::size_t limit) {
     std::vector<ViewIndex> all;
     for (int f = 0; f < c.frame_count(); ++f)
@@ -180,7 +180,8 @@ void flip_camera_axes(Pinhole<double>& c) {
 
 void invert_camera(Pinhole<double>& c) { c.camera_from_world = c.camera_from_world.inverse(); }
 
-/// Correction that would move the landmarks into the masks, in words; empty if none tried does.
+/// Returns the correction, in words, that would move the landmarks into the masks; empty if none
+/// does.
 std::string remedy(const std::vector<MaskedView>& views) {
     const std::vector<std::pair<std::string, CameraChange>> changes{
         {"the cameras have OpenGL axes (y up, z backward): negate rows 2 and 3 of extrinsic",
@@ -292,7 +293,7 @@ void check_cameras(const Capture& c, double span, Findings& found) {
     }
 }
 
-// ---- values that leave no space for a head ----
+// ---- values that leave no space for a head -----------------------------------------------------
 
 /// Checks for points and scales outside the range of single precision.
 void check_extent(const Capture& c, double span, Findings& found) {
@@ -393,7 +394,8 @@ void check_expressions(const Capture& c, Findings& found) {
                                      ", expected a few units at most");
 }
 
-/// Shapes in other units, or of other coefficients, move the landmarks away from where they are.
+/// Checks that the shapes do not move landmarks away from where they are, as in other units or with
+/// other coefficients.
 void check_expression_shapes(const Capture& c, double span, Findings& found) {
     const std::string where = (c.folder / "expression_shapes.npz").string() + ": ";
     Columns<double> shapes;
@@ -505,7 +507,7 @@ void check_eye(const CaptureFrame& f, std::size_t e, double span, const std::str
             found.error("iris", where + ": iris_plane: got " + text(*eye.iris_plane) +
                                     ", expected about eye_radius " + text(*eye.radius));
     }
-    // The eyeball that training would build from it.
+    // Checks the eyeball that training would make of it.
     try {
         require_eyeball(eye_sizes(eye, f.scale, EyeballConfig{}.radius), where + ": " + side);
     } catch (const Error& fault) {
@@ -538,7 +540,7 @@ void check_gaze(const Capture& c, double span, Findings& found) {
 
 // ---- pixels ------------------------------------------------------------------------------------
 
-/// True if the eye labels fit the other eye's landmarks better.
+/// Returns true if the eye labels fit the other eye's landmarks better.
 bool eyes_swapped(const Capture& c, ViewIndex v, const Image<float>& labels) {
     std::array<Vec2<double>, 2> lids, seen{Vec2<double>::Zero(), Vec2<double>::Zero()};
     std::array<double, 2> count{0, 0};
@@ -618,7 +620,7 @@ std::vector<Problem> validate(const Capture& c, ImagesToDecode images) {
     Findings found;
     const double span = landmark_span(c);
     check_units(c, span, found);
-    // Before single cameras, as it can explain faults of all of them.
+    // Before single cameras, as it can explain the faults of all of them.
     if (images != ImagesToDecode::none) check_projection(c, found);
     check_cameras(c, span, found);
     check_extent(c, span, found);
@@ -664,7 +666,7 @@ std::vector<std::string> training_faults(const Capture& c) {
 
 namespace {
 
-/// Throws Error with the first error of a list and the number of errors.
+/// Throws an Error with the first error of a list and the number of errors.
 void require_none(const std::vector<Problem>& problems, const fs::path& folder) {
     std::string first;
     int count = 0;
@@ -732,7 +734,7 @@ Capture read_valid_frame(const CaptureContents& contents, const std::string& fra
                          const std::vector<std::string>& cameras) {
     std::vector<Problem> problems;
     Capture capture = read_capture_frame(contents, frame, cameras, &problems);
-    if (capture.width > 0) {  // else no camera has the frame: nothing to check
+    if (capture.width > 0) {  // no camera has the frame: nothing to check
         const std::vector<Problem> more = validate(capture, ImagesToDecode::none);
         problems.insert(problems.end(), more.begin(), more.end());
     }

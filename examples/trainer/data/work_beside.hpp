@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// data/work_beside.hpp: one piece of work at a time in a thread beside the caller's, such as the
-/// files of a training that goes on meanwhile.
+/// data/work_beside.hpp: background work, one job at a time, such as writing a training's files
+/// while it continues.
 #pragma once
 
 #include <atomic>
@@ -12,26 +12,27 @@
 
 namespace rye::trainer {
 
-/// A piece of work on a thread of its own, one at a time. Its exception is thrown to the caller by
-/// the next call of start() or wait(). Its inputs must stay as they are until one of these, or the
-/// destructor, has returned.
+/// Thread that runs one job at a time. The next call of start() or wait() throws a job's exception
+/// to the caller. A job's inputs must not change until one of these calls, or the destructor,
+/// returns.
 class WorkBeside {
   public:
     /// `who` begins the warning of the destructor.
     explicit WorkBeside(std::string who) : who_(std::move(who)) {}
     WorkBeside(const WorkBeside&) = delete;
     WorkBeside& operator=(const WorkBeside&) = delete;
-    /// Waits. An error that no call has thrown is a warning on standard error: the caller has one
-    /// of its own under way.
+    /// Waits. Prints an error that no call has thrown as a warning: the caller has one of its own
+    /// under way.
     ~WorkBeside();
 
-    /// Waits for the work before, then begins this; where the system has no thread left, does it.
+    /// Waits for the previous job, then starts this one; runs it at once if the system has no
+    /// thread left.
     void start(std::function<void()> work);
-    /// Returns when nothing is under way.
+    /// Waits until no job is running.
     void wait();
-    /// Throws what the work has thrown, if it has ended; does not wait.
+    /// Throws the exception of a job that has ended; does not wait.
     void check();
-    /// Seconds that start() and wait() have waited.
+    /// Returns the time that start() and wait() have waited [s].
     double waited() const { return waited_; }
 
   private:
@@ -41,7 +42,7 @@ class WorkBeside {
     std::function<void()> work_;
     std::thread thread_;
     std::atomic<bool> ended_{false};
-    std::exception_ptr error_; ///< of the thread until it is joined
+    std::exception_ptr error_; ///< exception of the thread, until it is joined
     double waited_ = 0;
 };
 

@@ -24,7 +24,7 @@ struct Model {
     const char* name;
     std::size_t parameters;
 };
-/// Those that a BrownConrady lens covers come first.
+/// Camera models; those that a BrownConrady lens covers come first.
 constexpr std::array models{Model{0, "SIMPLE_PINHOLE", 3},
                             Model{1, "PINHOLE", 4},
                             Model{2, "SIMPLE_RADIAL", 4},
@@ -43,7 +43,7 @@ void require_known(bool known, const std::string& model, const std::string& who)
             "`colmap image_undistorter` makes pinhole pictures of others");
 }
 
-/// The camera of COLMAP's parameters.
+/// Returns the camera for COLMAP's parameters.
 Photograph camera_of(const Model& model, ImageSize size, const std::vector<double>& p,
                      const std::string& who) {
     require_known(model.id <= 4, model.name, who);
@@ -92,7 +92,7 @@ Rigid<double> pose_of(const std::array<double, 7>& v, const std::string& who) {
 
 // ---- binary ------------------------------------------------------------------------------------
 
-/// Reads little-endian values one after another.
+/// Reader of successive little-endian values.
 class Reader {
   public:
     Reader(ByteSpan bytes, const std::string& who) : who_(who), bytes_(bytes) {}
@@ -118,7 +118,7 @@ class Reader {
         slice(bytes_, at_, size, who_, what);
         at_ += static_cast<std::size_t>(size);
     }
-    /// Number of records, each of at least `least` bytes.
+    /// Reads a number of records, each of at least `least` bytes.
     std::uint64_t count(std::uint64_t least, const char* what) {
         const auto n = take<std::uint64_t>(what);
         require(n <= (bytes_.size() - at_) / least, who_, what, ": got ", n, ", expected at most ",
@@ -179,12 +179,12 @@ struct Line {
     std::vector<std::string> words;
 };
 
-/// Lines but comments; of images.txt every second one has points, and may be empty.
+/// Returns the lines without comments; in images.txt every second one has points, and may be empty.
 std::vector<Line> lines_of(ByteSpan bytes, const std::string& who) {
     constexpr std::string_view spaces = " \t\r\v\f";
     std::string_view rest = as_text(bytes);
     std::vector<Line> lines;
-    std::uint64_t memory = 0; // in lists that have grown to twice their length
+    std::uint64_t memory = 0; // of lists that have grown to twice their length
     for (int number = 1; !rest.empty(); ++number) {
         std::string_view text = rest.substr(0, rest.find('\n'));
         rest.remove_prefix(std::min(text.size() + 1, rest.size()));
@@ -248,7 +248,7 @@ std::vector<ColmapPicture> text_pictures(ByteSpan bytes, const std::string& who)
     std::vector<ColmapPicture> pictures;
     for (std::size_t i = 0; i < lines.size(); i += 2) {
         const Line& line = lines[i];
-        if (line.words.empty()) continue; // an empty line at the end
+        if (line.words.empty()) continue; // empty line at the end
         id_of(line, 0, "IMAGE_ID");
         std::array<double, 7> v{};
         constexpr std::array names{"QW", "QX", "QY", "QZ", "TX", "TY", "TZ"};

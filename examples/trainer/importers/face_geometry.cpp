@@ -24,7 +24,8 @@ std::size_t pixel_of(const Image8& image, int x, int y) {
            static_cast<std::size_t>(x);
 }
 
-/// Corners of the hull of points, counter-clockwise with y down (Andrew's monotone chain).
+/// Returns the corners of the hull of points, counter-clockwise with y down (Andrew's monotone
+/// chain).
 std::vector<Vec2<double>> convex_hull(const Columns<double>& points) {
     std::vector<Vec2<double>> p;
     for (Index i = 0; i < points.cols(); ++i) p.emplace_back(points(0, i), points(1, i));
@@ -51,7 +52,7 @@ std::vector<Vec2<double>> convex_hull(const Columns<double>& points) {
 } // namespace
 
 Sphere fit_sphere(const Columns<double>& points) {
-    // About the mean, so that the normal equations stay well conditioned far from the origin.
+    // About the mean, so that the normal equations stay well-conditioned far from the origin.
     const Vec3<double> mean = points.rowwise().mean();
     Mat<double, 4, 4> a = Mat<double, 4, 4>::Zero();
     Vec<double, 4> b = Vec<double, 4>::Zero();
@@ -131,8 +132,8 @@ Image8 lid_eye_mask(const Columns<double>& landmarks, const Pinhole<double>& cam
     LabelledMesh mesh;
     mesh.vertices = landmarks;
     for (int e = 0; e < 2; ++e) {
-        // The lids are clockwise in the image of a camera that they face; away from it they have
-        // the other sense.
+        // The lids are clockwise in the image of a camera that they face, counter-clockwise
+        // otherwise.
         const std::array<int, 6> lids = eye_landmarks(e);
         double area = 0;
         bool in_front = true;
@@ -171,7 +172,7 @@ Image8 hull_mask(const Columns<double>& points, ImageSize size) {
     Image8 image = plain_image(size.width, size.height, 0);
     if (hull.size() < 3) return image;
     for (int y = 0; y < size.height; ++y) {
-        // The span of the hull in this row.
+        // Span of the hull in this row.
         double left = size.width, right = 0;
         const double row = y + 0.5;
         for (std::size_t i = 0; i < hull.size(); ++i) {

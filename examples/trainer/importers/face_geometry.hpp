@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// importers/face_geometry.hpp: what importers derive from points and meshes: spheres, rigid
+/// importers/face_geometry.hpp: geometry for importers, from points and meshes: spheres, rigid
 /// motions, points from rays, eye masks and silhouettes. Points are columns, world units; pixel
 /// centres +0.5. Eye 0 is the subject's left.
 #pragma once
@@ -15,7 +15,7 @@
 
 namespace rye::trainer {
 
-/// Values of left and right eyeball in an eye mask.
+/// Returns the value of the left or right eyeball in an eye mask.
 inline constexpr std::uint8_t eye_mask_value(int eye) { return eye == 0 ? 85 : 170; }
 
 struct Sphere {
@@ -24,47 +24,49 @@ struct Sphere {
     double error; ///< root mean square distance of the points from the surface
 };
 
-/// The sphere nearest to at least 4 points, by linear least squares on |x|^2 = 2 c.x + const.
+/// Returns the sphere nearest to at least 4 points, by linear least squares on |x|^2 = 2 c.x +
+/// const.
 Sphere fit_sphere(const Columns<double>& points);
 
-/// The motion that moves `from` nearest to `to`, both 3 x N (Kabsch).
+/// Returns the motion that moves `from` nearest to `to`, both 3 x N (Kabsch).
 Rigid<double> fit_rigid(const Columns<double>& from, const Columns<double>& to);
 
-/// The point nearest to lines through `origins` along unit `directions`, both 3 x N, N >= 2.
+/// Point nearest to lines through `origins` along unit `directions`, both 3 x N, N >= 2.
 struct NearestPoint {
     Vec3<double> point;
     double error; ///< root mean square distance from the lines
 };
 NearestPoint nearest_to_lines(const Columns<double>& origins, const Columns<double>& directions);
 
-/// A triangle mesh with a label per face.
+/// Triangle mesh with a label per face.
 struct LabelledMesh {
     Columns<double> vertices; ///< 3 x V, world
     std::vector<Face> faces;
     std::vector<std::uint8_t> labels; ///< per face, not 255
 };
 
-/// Label of the nearest face at each pixel's centre, 255 where there is none; 1 channel.
+/// Returns the label of the nearest face at each pixel's centre, 255 for none; 1 channel.
 Image8 draw_labels(const LabelledMesh& mesh, const Pinhole<double>& camera);
 
-/// Eye masks from 66 or 68 landmarks: the polygons of the lids where they face the camera and the
-/// nose does not hide them. 0 elsewhere.
+/// Returns the eye masks from 66 or 68 landmarks: the polygons of the lids that face the camera and
+/// are not hidden by the nose. 0 elsewhere.
 Image8 lid_eye_mask(const Columns<double>& landmarks, const Pinhole<double>& camera);
 
-/// 255 inside the convex hull of image points (2 x N) [px], 0 outside.
+/// Returns 255 inside the convex hull of image points (2 x N) [px], 0 outside.
 Image8 hull_mask(const Columns<double>& points, ImageSize size);
 
 /// Sets the pixels of an eye mask to 0 where the subject's mask is below half.
 void clip_to_mask(Image8& eyes, const Image8& mask);
 
-/// An image as a pinhole with the same intrinsics sees it, and where it has pixels (255) or not.
+/// Image as a pinhole with the same intrinsics sees it, and a mask of its pixels: 255, or 0 for
+/// none.
 struct Straightened {
     Image8 picture, visible;
 };
 Straightened straightened(const Image8& picture, const Pinhole<double>& camera,
                           const BrownConrady<double>& lens);
 
-/// All pixels of one value.
+/// Returns an image with all pixels of one value.
 Image8 plain_image(int width, int height, std::uint8_t value);
 
 } // namespace rye::trainer

@@ -30,8 +30,9 @@ inline constexpr std::array<int, 68> flame_landmarks{
     3832, 1343, 1218, 1154, 995,  829,  2820, 2864, 2774, 3543, 1657, 1749, 1703, 1774,
     1802, 3503, 2905, 2881, 2845, 2787, 3531, 1670, 1730, 1804, 3504, 2907};
 
-/// Vertices and triangles of an OBJ file; polygons are cut into fans, normals and texture ignored.
-/// Throws Error, with file (`name`), line and value, for anything that is not such a mesh.
+/// Returns the vertices and triangles of an OBJ file; cuts polygons into fans, ignores normals and
+/// texture. Throws an Error, with file (`name`), line and value, for anything that is not such a
+/// mesh.
 TriangleMesh<double> parse_obj(std::string_view text, const std::string& name);
 TriangleMesh<double> read_obj(const std::filesystem::path& path);
 

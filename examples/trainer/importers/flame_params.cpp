@@ -16,7 +16,7 @@ namespace {
 
 constexpr double degrees = 57.29577951308232;
 
-/// `count` finite numbers of an array, or any number of them where count is 0.
+/// Returns the finite numbers of an array, `count` of them, or any number if count is 0.
 std::vector<double> array_of(const NpzArrays& arrays, const char* name, std::size_t count,
                              const std::string& file) {
     const std::string who = file + ": " + name;
@@ -46,7 +46,7 @@ FlameParams parse_flame_params(ByteSpan bytes, const std::string& who) {
     p.rotation = rotation_of(array_of(arrays, "rotation", 3, who)) *
                  rotation_of(array_of(arrays, "neck_pose", 3, who));
     array_of(arrays, "translation", 3, who);
-    // The eyes hang on the neck's joint, so that eyes_pose is in the head frame.
+    // The eyes are attached to the neck's joint, so eyes_pose is in the head frame.
     const std::vector<double> eyes = array_of(arrays, "eyes_pose", 6, who);
     for (std::size_t e = 0; e < 2; ++e) {
         p.gaze[e] = rotation_of(eyes, 3 * e) * Vec3<double>(0, 0, 1);

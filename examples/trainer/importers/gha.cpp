@@ -32,7 +32,7 @@ namespace fs = std::filesystem;
 using Json = ImportFolder::Json;
 
 constexpr double degrees = 57.29577951308232;
-constexpr double limbus_share = 0.49, iris_share = 0.87; // of the radius, of an average eye
+constexpr double limbus_share = 0.49, iris_share = 0.87; // shares of an average eye's radius
 
 Mat3<double> rotation_of(const CaptureFrame& f) { return so3_exp(Vec3<double>(f.pose.head<3>())); }
 
@@ -42,7 +42,7 @@ Vec3<double> lids_in_head(const CaptureFrame& f, int eye) {
     return rotation_of(f).transpose() * (world - f.pose.tail<3>()) / f.scale;
 }
 
-/// Middle of the lids in the head frame, median over the frames.
+/// Returns the middle of the lids in the head frame, median over the frames.
 Vec3<double> usual_lids(const Capture& c, int eye) {
     std::array<std::vector<double>, 3> all;
     for (const CaptureFrame& f : c.frames) {
@@ -52,11 +52,11 @@ Vec3<double> usual_lids(const Capture& c, int eye) {
     return {median(all[0]), median(all[1]), median(all[2])};
 }
 
-/// Eyeballs behind the lids, in the head frame. The upper lid covers more of an eye than the lower
-/// one, so that the centre is above the middle of the lids.
+/// Assumed eyeballs behind the lids, in the head frame. The upper lid covers more of an eye than
+/// the lower one, so the centre is above the middle of the lids.
 struct EyeGuess {
     double radius = EyeballConfig{}.radius; ///< canonical units
-    double nasal = 0; ///< of both centres from the middle of their lids, towards the nose
+    double nasal = 0; ///< shift of both centres from the middle of their lids towards the nose
     std::array<Vec3<double>, 2> lids;
     Vec3<double> centre(std::size_t e) const {
         const Vec3<double> to_nose(e == 0 ? -nasal : nasal, 0, 0);
@@ -64,7 +64,7 @@ struct EyeGuess {
     }
 };
 
-/// One estimate from one picture.
+/// Estimate from one picture.
 struct Sighting {
     Vec3<double> gaze;
     double weight;
@@ -78,7 +78,7 @@ Image8 eye_mask_of(const Capture& c, int f, int k) {
     return eyes;
 }
 
-/// An eye as one picture has it.
+/// Eye in one picture.
 struct EyePicture {
     const CaptureFrame* frame;
     const Pinhole<double>* camera;
@@ -105,8 +105,8 @@ std::optional<Sighting> sighted(const EyePicture& p, const EyeGuess& guess, std:
     return Sighting{found->gaze, found->contrast * found->pixels};
 }
 
-/// The direction that the sightings agree on, and their mean angle from it [deg]. Sightings far
-/// from the weighted median of pitch and yaw do not count.
+/// Direction on which the sightings agree, and their mean angle from it [deg]. Sightings far from
+/// the weighted median of pitch and yaw do not count.
 struct Agreed {
     Vec3<double> gaze;
     double spread;
@@ -144,7 +144,7 @@ std::optional<Agreed> agreed(const std::vector<Sighting>& all) {
     return a;
 }
 
-/// Sightings of both eyes in all cameras of a frame.
+/// Returns the sightings of both eyes in all cameras of a frame.
 std::array<std::vector<Sighting>, 2> sightings(const Capture& c, int f, const EyeGuess& guess,
                                                const std::vector<Image8>& eyes) {
     const auto cameras = static_cast<std::size_t>(c.camera_count());
@@ -175,7 +175,8 @@ std::vector<Image8> eye_masks_of(const Capture& c, int f) {
     return eyes;
 }
 
-/// Median yaw of the left axis minus that of the right one [rad]; nothing where no frame has both.
+/// Returns the median yaw of the left axis minus that of the right one [rad]; nothing if no frame
+/// has both.
 std::optional<double> divergence(const Capture& c, const EyeGuess& guess,
                                  const std::vector<std::pair<int, std::vector<Image8>>>& frames) {
     std::vector<double> all;
@@ -188,9 +189,9 @@ std::optional<double> divergence(const Capture& c, const EyeGuess& guess,
     return median(all);
 }
 
-/// The radius at which the cameras of a sample of the frames agree best on the gaze, and the shift
-/// towards the nose at which the axes of both eyes lie as those of average eyes do: each 5 degrees
-/// temporal of its line of sight, which meet at about a metre.
+/// Returns the radius at which the cameras of a sample of the frames agree best on the gaze, and
+/// the shift towards the nose that gives both eyes average axes: each 5 degrees temporal of its
+/// line of sight, which meet at about a metre.
 EyeGuess guess_eyes(const Capture& c) {
     EyeGuess best;
     for (int e = 0; e < 2; ++e) best.lids[static_cast<std::size_t>(e)] = usual_lids(c, e);
@@ -275,14 +276,14 @@ GhaSource read_source(const ImportOptions& o) {
     return s;
 }
 
-/// Gazes of a frame: spread [deg] and number of pictures.
+/// Spread of a frame's gazes [deg] and number of pictures.
 struct GazeFacts {
     double spread = 0;
     int sightings = 0, borrowed = 0;
     bool found = true;
 };
 
-/// The frame's eyes, by where the gaze is from.
+/// Returns the frame's eyes, from the frame's source of gaze.
 std::array<CaptureEye, 2> eyes_of(const GhaSource& s, int f, const std::vector<Image8>& masks,
                                   GazeFacts& facts) {
     const CaptureFrame& frame = s.capture.frames[static_cast<std::size_t>(f)];
@@ -348,7 +349,7 @@ ImportFrame frame_of(const GhaSource& s, int f, Json& facts) {
     return frame;
 }
 
-/// capture.json of the source, or what a folder without one is read as.
+/// Returns the capture.json of the source, or its substitute for a folder without one.
 Json description(const GhaSource& s, const std::set<std::string>& left_out) {
     const fs::path file = s.capture.folder / "capture.json";
     Json json = fs::exists(file) ? read_json<Json>(file) : Json::object();
@@ -432,7 +433,7 @@ ImportSummary import_gha(const ImportOptions& o) {
     Json job = import_job("gha", o);
     job["gaze"] = o.gaze.empty() ? "" : fs::weakly_canonical(o.gaze).string();
     const GhaSource s = read_source(o);
-    warn_of_changes(o.source); // where it is a capture
+    warn_of_changes(o.source); // if it is a capture
     ImportFolder folder(o.out, job);
     ImportSummary summary;
     Totals totals;

@@ -30,7 +30,7 @@ std::vector<std::uint8_t> decode_lzf(const std::uint8_t* data, std::size_t count
     };
     while (at < count) {
         const std::uint8_t control = take();
-        if (control < 32) { // literals
+        if (control < 32) { // literal bytes
             const std::size_t run = std::size_t(control) + 1;
             require(run <= count - at && run <= size - out.size(), who, "its LZF data are damaged");
             out.insert(out.end(), data + at, data + at + run);
@@ -53,7 +53,7 @@ namespace {
 
 constexpr H5Z_filter_t lzf_filter = 32000; // h5py's, registered with the HDF Group
 
-/// Reads only; cd_values[2] is the size of a chunk.
+/// Decompresses LZF; does not compress. cd_values[2] is the size of a chunk.
 std::size_t undo_lzf(unsigned flags, std::size_t parameters, const unsigned values[],
                      std::size_t count, std::size_t* room, void** buffer) {
     if ((flags & H5Z_FLAG_REVERSE) == 0 || parameters < 3) return 0;
@@ -68,7 +68,7 @@ std::size_t undo_lzf(unsigned flags, std::size_t parameters, const unsigned valu
         *room = out.size();
         return out.size();
     } catch (const std::exception&) {
-        return 0; // the library reports a filter that failed
+        return 0; // the library reports a failed filter
     }
 }
 
@@ -83,7 +83,7 @@ void prepare_library() {
     static_cast<void>(once);
 }
 
-/// An identifier of the library, closed at the end of the scope.
+/// Identifier of the library, closed at the end of the scope.
 struct Id {
     hid_t id;
     herr_t (*close)(hid_t);
@@ -101,7 +101,7 @@ struct Hdf5File::Handle {
     hid_t file;
     std::string name;
 
-    /// Extents, after the check that the array has numbers of a bounded size.
+    /// Returns the extents, after a check that the array has numbers of a bounded size.
     std::vector<hsize_t> extents(hid_t set, const std::string& array) const {
         const std::string who = name + ": " + array;
         const Id type(H5Dget_type(set), H5Tclose), space(H5Dget_space(set), H5Sclose);

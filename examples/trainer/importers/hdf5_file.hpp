@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// importers/hdf5_file.hpp: arrays of numbers in an HDF5 file, by libhdf5, with h5py's filter LZF.
-/// Opening a file without libhdf5 in the build is an Error that states how to get it.
+/// In a build without libhdf5, opening a file is an Error that states how to get it.
 #pragma once
 
 #include <cstdint>
@@ -13,10 +13,10 @@
 
 namespace rye::trainer {
 
-/// True where rye was built with libhdf5.
+/// Returns true if rye was built with libhdf5.
 bool has_hdf5();
 
-/// An open file. Not for concurrent use. Errors name file and array.
+/// Open file. Not for concurrent use. Errors name file and array.
 class Hdf5File {
   public:
     explicit Hdf5File(const std::filesystem::path& path);
@@ -25,11 +25,11 @@ class Hdf5File {
     Hdf5File& operator=(const Hdf5File&) = delete;
 
     bool has(const std::string& name) const;
-    /// Extents of an array.
+    /// Returns the extents of an array.
     std::vector<Index> shape(const std::string& name) const;
-    /// The whole array, of any type of number, in C order.
+    /// Returns the whole array, of any type of number, in C order.
     std::vector<double> numbers(const std::string& name) const;
-    /// One entry of the first extent, as bytes; throws Error for values beyond 0 to 255.
+    /// Returns one entry of the first extent, as bytes; throws an Error for values beyond 0 to 255.
     std::vector<std::uint8_t> bytes(const std::string& name, Index row) const;
     const std::string& name() const { return name_; }
 
@@ -39,7 +39,8 @@ class Hdf5File {
     std::unique_ptr<Handle> handle_;
 };
 
-/// Undoes LZF (LibLZF's format): throws Error, with `who`, unless it makes exactly `size` bytes.
+/// Decompresses LZF (LibLZF's format); throws an Error that begins with `who` unless the result has
+/// exactly `size` bytes.
 std::vector<std::uint8_t> decode_lzf(const std::uint8_t* data, std::size_t count, std::size_t size,
                                      const std::string& who);
 

@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Converted to T.
+/// Returns the values converted to T.
 template <class T>
 NpyArray numbers(std::vector<Index> shape, std::span<const double> values) {
     std::vector<T> list;
@@ -46,7 +46,7 @@ void write_points(const fs::path& path, const Columns<double>& points) {
 
 std::span<const double> span_of(const Vec3<double>& v) { return {v.data(), 3}; }
 
-/// Files of the head; world directions follow from the pose.
+/// Writes the files of the head; world directions follow from the pose.
 void write_head(const fs::path& folder, const ImportHead& head) {
     const auto width = static_cast<Index>(head.expression.size());
     write_bytes(folder / "params.npz",
@@ -79,7 +79,7 @@ void write_head(const fs::path& folder, const ImportHead& head) {
     write_bytes(folder / "gaze.npz", npz_bytes(gaze));
 }
 
-/// Removes a picture of an earlier form: PNG has precedence over JPEG.
+/// Removes a picture of an earlier format: PNG has precedence over JPEG.
 void remove_others(const fs::path& folder, const std::string& stem, const fs::path& kept) {
     for (const char* suffix : {".png", ".jpg", ".jpeg"})
         if (const fs::path path = folder / (stem + suffix); path != kept) {
@@ -110,7 +110,7 @@ void write_view(const fs::path& images, const fs::path& cameras, const ImportVie
     write("visible_", view.visible);
 }
 
-/// Throws Error with the first key whose values differ.
+/// Throws an Error with the first key whose values differ.
 void require_same_job(const ImportFolder::Json& now, const ImportFolder::Json& before,
                       const std::string& who) {
     for (const auto& [key, value] : now.items())
@@ -129,7 +129,7 @@ void add_lines(std::string& text, const char* label, const std::vector<std::stri
     }
 }
 
-/// Whether a folder is empty but for the lock of an import that began nothing.
+/// Returns true if a folder is empty except for the lock of an import that wrote nothing.
 bool is_free(const fs::path& folder) {
     for (const fs::directory_entry& entry : fs::directory_iterator(folder))
         if (entry.path().filename() != "lock") return false;
@@ -236,7 +236,7 @@ void ImportFolder::finish(Json description, const ImportSummary& summary) {
 }
 
 double unit_factor(double landmark_span) {
-    constexpr double head = 2.2; // of an adult's landmarks [dm]
+    constexpr double head = 2.2; // span of an adult's landmarks [dm]
     if (landmark_span > 0.7 && landmark_span < 7) return 1;
     return std::pow(10.0, std::round(std::log10(head / landmark_span)));
 }

@@ -25,7 +25,7 @@
 
 namespace rye::trainer {
 
-/// Arguments of `rye import`. Options of other kinds are refused by the command.
+/// Arguments of `rye import`. The command rejects options of other kinds.
 struct ImportOptions {
     std::filesystem::path source;      ///< folder or file, by kind
     std::filesystem::path out;         ///< folder of the capture
@@ -34,7 +34,7 @@ struct ImportOptions {
     std::filesystem::path landmarks;   ///< vhap: file of 68 vertices; empty: FLAME's
     std::vector<int> eyeballs;         ///< vhap: first and last vertex, left, then right
     std::vector<double> normalization; ///< xgaze: focal length [px], distance [mm], side [px]
-    bool allow_outside = false;        ///< files that the source names may lie beside its folder
+    bool allow_outside = false;        ///< true: named files may lie outside its folder
     /// Called after each frame: frames done, frames of the source.
     std::function<void(int, int)> progress = [](int, int) {};
 };
@@ -43,20 +43,20 @@ struct ImportOptions {
 struct ImportSummary {
     int frames = 0, cameras = 0;
     int written = 0;      ///< frames of this run; the others were complete before
-    bool has_head = true; ///< false: a still scene
+    bool has_head = true; ///< false for a still scene
     std::vector<std::string> found, derived, missing;
     std::string text() const;
 };
 
-/// A picture of a frame. Empty images are not written.
+/// Picture of a frame. Empty images are not written.
 struct ImportView {
     std::string camera;            ///< name of the camera
     Pinhole<double> pinhole;       ///< of the picture, after undistortion
-    std::filesystem::path copy_of; ///< picture whose bytes are taken; else `picture`
+    std::filesystem::path copy_of; ///< picture whose bytes are copied; else `picture`
     Image8 picture, mask, eyes, visible;
 };
 
-/// The head in a frame; a still scene has none.
+/// Head in a frame; a still scene has none.
 struct ImportHead {
     std::vector<double> expression;
     Vec<double, 6> pose = Vec<double, 6>::Zero(); ///< axis-angle [rad], translation
@@ -64,7 +64,7 @@ struct ImportHead {
     Columns<double> landmarks;                    ///< 3 x 66 or 68, world
     Columns<double> vertices;                     ///< 3 x V, world; V may be 0
     bool has_gaze = false;
-    std::array<CaptureEye, 2> eyes; ///< valid where has_gaze
+    std::array<CaptureEye, 2> eyes; ///< valid if has_gaze
 };
 
 struct ImportFrame {
@@ -73,30 +73,31 @@ struct ImportFrame {
     std::vector<ImportView> views;
 };
 
-/// What import.json holds: the job, and the facts of each complete frame.
+/// Contents of import.json: the job, and the facts of each complete frame.
 struct ImportRecord {
     nlohmann::ordered_json job;
     std::map<std::string, nlohmann::ordered_json> frames;
 };
 
-/// Reads the text of an import.json; `who` begins the messages. Throws Error unless it has a job and
-/// frames, whose facts are numbers from 0 on, true or false.
+/// Reads the text of an import.json; `who` begins the messages. Throws an Error unless it has a job
+/// and frames, whose facts are true, false or non-negative numbers.
 ImportRecord parse_import_record(std::string_view text, const std::string& who);
 
 class ImportFolder {
   public:
     using Json = nlohmann::ordered_json;
 
-    /// A new folder, or one that the same job began. `job` has what determines the result: kind,
-    /// source, options. Throws Error if the folder holds anything else, or another import has it.
+    /// Opens a new folder, or one that the same job began. `job` determines the result: kind,
+    /// source, options. Throws an Error if the folder holds anything else, or another import
+    /// has it.
     ImportFolder(const std::filesystem::path& out, const Json& job);
 
     bool has(const std::string& frame) const { return record_.frames.contains(frame); }
-    /// Facts that were stored with a complete frame.
+    /// Returns the facts stored with a complete frame.
     const Json& facts(const std::string& frame) const { return record_.frames.at(frame); }
     int complete() const { return static_cast<int>(record_.frames.size()); }
 
-    /// Writes the files of views alone: for frames whose pictures do not fit into memory together.
+    /// Writes the files of views alone, for frames whose pictures do not fit into memory together.
     void write_views(const ImportFrame& frame) const;
 
     /// Writes all files of a frame, then lists it as complete with its facts.
@@ -115,7 +116,7 @@ class ImportFolder {
     std::optional<FolderLock> lock_;
 };
 
-/// Importers of each kind of source; each throws Error, with file, field and value, for a source
+/// Importers of each kind of source; each throws an Error with file, field and value for a source
 /// that is not of its kind.
 ImportSummary import_vhap(const ImportOptions& options);
 ImportSummary import_gha(const ImportOptions& options);
@@ -123,22 +124,22 @@ ImportSummary import_xgaze(const ImportOptions& options);
 ImportSummary import_colmap(const ImportOptions& options);
 ImportSummary import_transforms(const ImportOptions& options);
 
-/// Power of ten that brings a head whose landmarks span this length to about 2 units.
+/// Returns the power of ten that brings a head whose landmarks span this length to about 2 units.
 double unit_factor(double landmark_span);
 
-/// A factor for people: "10", "0.001".
+/// Returns a factor for people: "10", "0.001".
 std::string factor_text(double x);
 
-/// The keys job_of writes, common to all kinds: kind, and the source as an absolute path.
+/// Returns the keys of a job common to all kinds: kind, and the source as an absolute path.
 ImportFolder::Json import_job(const std::string& kind, const ImportOptions& options);
 
-/// The file that a source names, relative to `folder`. Throws Error, which begins with `who`, if it
-/// lies outside by its name ("../x.png", "/x.png"), unless the options allow it: an import copies
-/// pictures, and a source of someone else could ask for any on this machine.
+/// Returns the file that a source names, relative to `folder`. Throws an Error that begins with
+/// `who` if its name leads outside ("../x.png", "/x.png"), unless the options allow it: an import
+/// copies pictures, and someone else's source could name any on this machine.
 std::filesystem::path named_file(const ImportOptions& options, const std::filesystem::path& folder,
                                  const std::filesystem::path& name, const std::string& who);
 
-/// Throws Error if a vector holds a number that is not finite.
+/// Throws an Error if a vector holds a number that is not finite.
 void require_finite_numbers(const std::vector<double>& values, const std::string& who);
 
 } // namespace rye::trainer

@@ -15,7 +15,7 @@
 namespace rye::trainer {
 namespace {
 
-/// The next word of a line, which is shortened by it.
+/// Returns the next word of a line, and removes it from the line.
 std::string_view word(std::string_view& line) {
     const std::size_t begin = std::min(line.find_first_not_of(" \t\r"), line.size());
     const std::size_t end = std::min(line.find_first_of(" \t\r", begin), line.size());
@@ -24,7 +24,7 @@ std::string_view word(std::string_view& line) {
     return found;
 }
 
-/// Index of a vertex from "7", "7/1", "7//3" or "-1".
+/// Returns the index of a vertex from "7", "7/1", "7//3" or "-1".
 Index corner(std::string_view text, Index count, const std::string& who) {
     const std::string_view digits = text.substr(0, text.find('/'));
     long long i = 0;

@@ -14,7 +14,7 @@
 namespace rye::trainer {
 namespace {
 
-/// Text between <name ...> and </name>; empty if there is none.
+/// Returns the text between <name ...> and </name>; empty if there is none.
 std::string element(const std::string& text, const std::string& name) {
     for (std::size_t at = text.find("<" + name); at != std::string::npos;
          at = text.find("<" + name, at + 1)) {

@@ -11,15 +11,16 @@
 
 namespace rye::trainer {
 
-/// The text of a file. Errors begin with its name.
+/// Text of a file. Errors begin with its name.
 class OpencvXml {
   public:
     OpencvXml(std::string text, std::string name) : text_(std::move(text)), who_(std::move(name)) {}
 
-    /// A matrix, row by row, of `rows` x `cols` finite numbers. Throws Error, with file and name.
+    /// Returns a matrix, row by row, of `rows` x `cols` finite numbers. Throws an Error, with file
+    /// and name.
     std::vector<double> matrix(const std::string& name, int rows, int cols) const;
-    /// cam_rotation and cam_translation of a calibration of ETH-XGaze, as stored. Throws Error for
-    /// anything that is not a rotation.
+    /// Returns cam_rotation and cam_translation of a calibration of ETH-XGaze, as stored. Throws an
+    /// Error for anything that is not a rotation.
     Rigid<double> pose() const;
 
   private:

@@ -22,8 +22,8 @@ std::string size_text(int width, int height) {
     return std::to_string(width) + " x " + std::to_string(height);
 }
 
-/// Names of cameras, distinct and without slashes: that of each picture without its ending, with
-/// its folder where two pictures have one name.
+/// Returns names of cameras, distinct and without slashes: that of each picture without its ending,
+/// with its folder if two pictures have the same name.
 std::vector<std::string> camera_names(const std::vector<Still>& stills) {
     std::vector<std::string> names;
     std::set<std::string> used, stems;
@@ -44,7 +44,7 @@ std::vector<std::string> camera_names(const std::vector<Still>& stills) {
     return names;
 }
 
-/// The image in the upper left corner of a larger one of zeros.
+/// Returns a larger image of zeros with the image in the upper left corner.
 Image8 extended_to(const Image8& image, ImageSize size) {
     if (image.values.empty() || (image.width == size.width && image.height == size.height))
         return image;
@@ -59,7 +59,7 @@ Image8 extended_to(const Image8& image, ImageSize size) {
     return out;
 }
 
-/// The last channel of an image with alpha.
+/// Returns the last channel of an image with alpha.
 Image8 alpha_of(const Image8& image) {
     Image8 alpha = plain_image(image.width, image.height, 0);
     const auto channels = static_cast<std::size_t>(image.channels);
@@ -111,7 +111,8 @@ ImportView view_of(const Still& still, const std::string& name, ImageSize size) 
     return view;
 }
 
-/// transforms.json of the capture's pinholes, for `rye render --cameras` and other programs.
+/// Returns a transforms.json of the capture's pinholes, for `rye render --cameras` and other
+/// programs.
 std::string transforms_text(const std::vector<Still>& stills, const std::vector<std::string>& names,
                             const fs::path& out, ImageSize size) {
     Json json = {{"camera_model", "PINHOLE"}, {"w", size.width}, {"h", size.height}};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// importers/stills.hpp: a capture of one frame from calibrated photographs, each a camera. Lenses
-/// are straightened; smaller photographs are extended at the right and below, and `visible` marks
-/// what a photograph does not have.
+/// importers/stills.hpp: a capture of one frame from calibrated photographs, each a camera. Lens
+/// distortion is removed; smaller photographs are extended at the right and below, and `visible`
+/// marks the pixels that a photograph has.
 #pragma once
 
 #include <filesystem>
@@ -17,8 +17,8 @@ struct Still {
     Photograph photograph;
 };
 
-/// Imports photographs; `job` and `found` as in ImportFolder and ImportSummary. Throws Error, with
-/// the file, where a picture has another size than its camera.
+/// Imports photographs; `job` and `found` as in ImportFolder and ImportSummary. Throws an Error,
+/// with the file, if a picture has another size than its camera.
 ImportSummary import_stills(const std::vector<Still>& stills, const ImportFolder::Json& job,
                             const ImportOptions& options);
 

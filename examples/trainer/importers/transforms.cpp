@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// Imports photographs with a transforms.json, as nerfstudio, instant-ngp and Blender's data sets
-/// have it: camera to world in OpenGL axes. The world is kept.
+/// Imports photographs with a transforms.json, as in nerfstudio, instant-ngp and Blender's data
+/// sets: camera to world in OpenGL axes. The world is kept.
 #include <rye/core/error.hpp>
 
 #include "data/json_fields.hpp"
@@ -12,7 +12,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = ImportFolder::Json;
 
-/// The file, or with the ending that Blender's data sets leave out.
+/// Returns the file, or the file with the ending that Blender's data sets omit.
 fs::path picture_of(const fs::path& file) {
     if (!fs::is_regular_file(file))
         for (const char* suffix : {".png", ".jpg", ".jpeg"})
@@ -20,8 +20,8 @@ fs::path picture_of(const fs::path& file) {
     return file;
 }
 
-/// The file that was given; in a folder its transforms.json, or else those of Blender's data sets,
-/// which cut one list into three.
+/// Returns the given file; for a folder its transforms.json, or else those of Blender's data sets,
+/// which divide one list into three.
 std::vector<fs::path> files_of(const fs::path& source) {
     if (!fs::is_directory(source)) return {source};
     const fs::path all = source / "transforms.json";
@@ -37,7 +37,7 @@ std::vector<fs::path> files_of(const fs::path& source) {
     return parts;
 }
 
-/// Returns the file; throws Error if it is not there.
+/// Returns the file; throws an Error if it does not exist.
 fs::path existing(const fs::path& file, const std::string& key, const std::string& who) {
     require(fs::is_regular_file(file), file.string(), "no such file, named by ", key, " of ", who);
     return file;
@@ -63,7 +63,7 @@ void add_stills(const ImportOptions& options, const fs::path& file, std::vector<
         };
         still.image = of("file_path");
         if (frame.contains("mask_path")) still.mask = of("mask_path");
-        // Blender's data sets leave the size to the pictures.
+        // Blender's data sets do not state the size of the pictures.
         if (!json.contains("w") && !frame.contains("w")) {
             const ImageHeader size = read_image_header(still.image);
             frame["w"] = size.width;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// Imports FLAME tracking that VHAP exported, with its meshes. Pictures, cameras, masks,
-/// expression and pose are found; landmarks, eyeballs and eye masks come from the meshes, the gaze
+/// Imports FLAME tracking exported by VHAP, with its meshes. The export has pictures, cameras,
+/// masks, expression and pose; landmarks, eyeballs and eye masks come from the meshes, the gaze
 /// from eyes_pose. World: the export's, metres, times a power of ten. Head frame: FLAME's axes (x
 /// subject's left, y up, z out of the face), with the middle of the eyes at eyes_in_head.
 /// Source of the layout: VHAP (Qian, 2024), export_as_nerf_dataset.
@@ -30,7 +30,8 @@ using Json = ImportFolder::Json;
 constexpr double degrees = 57.29577951308232;
 /// Middle of the eyeballs in the head frame; the origin is then near the middle of the head.
 const Vec3<double> eyes_in_head(0, 0.35, 0.8);
-/// Meshes and parameters of one frame must turn the head by the same rotation. [deg]
+/// Largest difference between the head's rotation by the meshes and by the parameters of a frame
+/// [deg].
 constexpr double most_disagreement = 8;
 
 struct VhapView {
@@ -59,7 +60,7 @@ std::string padded(Index number, std::size_t digits) {
     return std::string(text.size() < digits ? digits - text.size() : 0, '0') + text;
 }
 
-/// A whole number of a frame of transforms.json, 0 or more.
+/// Returns a whole number of a frame of transforms.json, 0 or more.
 Index whole(const Json& frame, const char* key, const std::string& who) {
     require(frame.contains(key), who + ": " + key,
             "is missing, expected a whole number: not an export of VHAP");
@@ -71,7 +72,7 @@ Index whole(const Json& frame, const char* key, const std::string& who) {
     return value.get<Index>();
 }
 
-/// A path of a frame of transforms.json; a default where it has none.
+/// Returns a path of a frame of transforms.json, or a default.
 fs::path file_of(const Json& frame, const char* key, const std::string& otherwise,
                  const std::string& who) {
     if (!frame.contains(key)) return otherwise;
@@ -81,7 +82,8 @@ fs::path file_of(const Json& frame, const char* key, const std::string& otherwis
     return frame.at(key).get<std::string>();
 }
 
-/// The file of a frame in a sister folder of another file of it, or of the export's own folder.
+/// Returns a frame's file in a sister folder of another of its files, or of the export's own
+/// folder.
 fs::path beside(const fs::path& other, const char* folder, const std::string& number,
                 const char* suffix) {
     const std::string stem = other.empty() ? number : other.stem().string();
@@ -139,7 +141,7 @@ VhapSource read_source(const ImportOptions& o) {
         const std::string number = padded(time, 5);
         VhapFrame& frame = frames[time];
         frame.id = number;
-        // An export names one of the two; the other export of the same folder has the other.
+        // An export names one of the two files; the other one is in the same folder's other export.
         const fs::path mesh = file_of(view, "mesh_path", "", who);
         const fs::path params =
             file_of(view, "flame_param_path",
@@ -215,15 +217,15 @@ std::array<Sphere, 2> eyeballs_of(const VhapSource& s, const Columns<double>& ve
     return balls;
 }
 
-/// Landmarks of nose and eyes' corners, which expressions move least.
+/// Landmarks of the nose and the eyes' corners, which expressions move least.
 constexpr std::array<int, 13> stable{27, 28, 29, 30, 31, 32, 33, 34, 35, 36, 39, 42, 45};
 
-/// Properties that all frames share, decided by the first frame's mesh.
+/// Properties shared by all frames, from the first frame's mesh.
 struct Shared {
     double factor = 1;                ///< from the export's unit to rye's
     std::vector<int> dense;           ///< vertices of the narrow face
     Columns<double> stable_in_head;   ///< of the first frame, about their mean
-    std::vector<std::uint8_t> labels; ///< of the faces: eye masks' values
+    std::vector<std::uint8_t> labels; ///< values of eye masks, per face
     std::vector<Face> faces;
 };
 
@@ -263,7 +265,8 @@ Shared shared_of(const VhapSource& s, const VhapFrame& first) {
     return shared;
 }
 
-/// Angle between the rotation of the parameters and that of the mesh since the first frame. [deg]
+/// Returns the angle between the rotations of the parameters and of the mesh since the first frame
+/// [deg].
 double disagreement(const Shared& shared, const Columns<double>& marks, const FlameParams& p) {
     const Columns<double> nose = picked(p.rotation.transpose() * marks, stable);
     const Rigid<double> turned = fit_rigid(shared.stable_in_head, nose);
@@ -327,7 +330,7 @@ ImportView view_of(const VhapView& source, const LabelledMesh& mesh, double fact
     return view;
 }
 
-/// Frames of transforms_test.json, which VHAP keeps for tests.
+/// Returns the frames of transforms_test.json, which VHAP keeps for tests.
 std::set<std::string> test_frames(const VhapSource& s) {
     std::set<std::string> frames;
     const fs::path file = s.folder / "transforms_test.json";

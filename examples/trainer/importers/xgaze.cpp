@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Imports HDF5 files of ETH-XGaze's normalisation and of GazeNeRF. Landmarks are triangulated from
-/// those in the patches; the gaze of the face stands for both eyes.
+/// those in the patches; both eyes get the gaze of the face.
 ///
-/// Normalisation: a patch is what a camera in the real camera's place sees that looks at the middle
-/// of the face, with focal length F d / D for a face at distance d: rotation face_mat_norm times
-/// that of the calibration. d follows from where the axes of all patches of a frame meet.
+/// Normalisation: a patch is the view of a camera at the real camera's position that looks at the
+/// middle of the face, with focal length F d / D for a face at distance d: rotation face_mat_norm
+/// times that of the calibration. d follows from the point where the axes of a frame's patches
+/// meet.
 /// GazeNeRF: w2c and inmat of each patch; the world is the head of its 3DMM.
 /// Pixels of both are OpenCV's, whose first pixel has its centre at 0: half a pixel is added.
 /// Source of the layouts: ETH-XGaze (Zhang et al., 2020), normalization_example; GazeNeRF (Ruzzi et
@@ -40,10 +41,10 @@ constexpr int camera_count = 18;
 constexpr Index landmark_count = 68;
 /// Middle of the lids in the head frame.
 const Vec3<double> lids_in_head(0, 0.35, 0.95);
-/// Cameras of ETH-XGaze that hang upside down; their pictures are turned before normalisation.
+/// Cameras of ETH-XGaze that hang upside down; their pictures are rotated before normalisation.
 constexpr std::array upside_down{3, 6, 13};
 
-/// One patch of the file.
+/// Patch of the file.
 struct Patch {
     Index row = 0;
     int camera = 0;
@@ -66,11 +67,11 @@ struct XgazeSource {
     std::vector<XgazeFrame> frames;
     std::set<int> cameras;
     Index empty_rows = 0;
-    std::string calibration; ///< how the calibration was read
+    std::string calibration; ///< description of the calibration's reading
     double factor = 1;       ///< lengths of the file to rye's
 };
 
-/// An array with one entry a patch; `per_patch` numbers each, or any number if 0.
+/// Array with one entry per patch; `per_patch` numbers each, or any number if 0.
 class Rows {
   public:
     Rows(const Hdf5File& file, const std::string& name, Index rows, Index per_patch)
@@ -88,7 +89,7 @@ class Rows {
     }
     Index width() const { return width_; }
     const double* row(Index i) const { return values_.data() + i * width_; }
-    /// The row, after a check that its numbers are finite.
+    /// Returns the row, after a check that its numbers are finite.
     const double* finite(Index i) const {
         for (Index k = 0; k < width_; ++k)
             require(
@@ -122,8 +123,8 @@ Index whole(const Rows& rows, Index i, double most) {
     return static_cast<Index>(x);
 }
 
-/// Distinct frames: rows of one frame follow one another, each with another camera. frame_index
-/// may wrap at 256, so that only its changes count.
+/// Returns the distinct frames: rows of one frame follow one another, each with another camera.
+/// frame_index may wrap at 256, so only its changes count.
 std::vector<XgazeFrame> frames_of(const Hdf5File& file, Index rows, const Rows& rotations,
                                   Index& empty_rows) {
     const Rows cameras(file, "cam_index", rows, 1), numbers(file, "frame_index", rows, 1);
@@ -131,7 +132,7 @@ std::vector<XgazeFrame> frames_of(const Hdf5File& file, Index rows, const Rows& 
     std::set<int> seen;
     Index last = -1;
     for (Index i = 0; i < rows; ++i) {
-        bool empty = true; // the file is made for more patches than were written
+        bool empty = true; // the file has room for more patches than were written
         for (Index k = 0; k < rotations.width(); ++k) empty = empty && rotations.row(i)[k] == 0;
         if (empty) {
             ++empty_rows;
@@ -158,8 +159,8 @@ std::vector<XgazeFrame> frames_of(const Hdf5File& file, Index rows, const Rows& 
 
 // ---- cameras -----------------------------------------------------------------------------------
 
-/// A reading of the calibration: which way its rotation goes, and whether the pictures of the
-/// cameras that hang upside down were turned after it.
+/// Interpretation of the calibration: the direction of its rotation, and whether the pictures of
+/// the cameras that hang upside down were rotated after it.
 struct Reading {
     bool to_camera, turned;
     std::string text() const {
@@ -180,7 +181,7 @@ Rigid<double> camera_pose(const Rigid<double>& stored, int camera, const Reading
     return pose;
 }
 
-/// Point where the axes of a frame's patches meet.
+/// Returns the point where the axes of a frame's patches meet.
 NearestPoint face_middle(const XgazeFrame& frame, const Rows& rotations,
                          const std::map<int, Rigid<double>>& stored, const Reading& reading) {
     const auto n = static_cast<Index>(frame.patches.size());
@@ -215,7 +216,7 @@ void place_normalized(XgazeSource& s, const Rows& rotations, const ImportOptions
                     read_opencv_xml(o.calibration / ("cam" + std::string(p.camera < 10 ? "0" : "") +
                                                      std::to_string(p.camera) + ".xml"))
                         .pose();
-    // The calibration's files do not state these, so that the reading by which the axes meet holds.
+    // The calibration's files do not state these, so the reading that makes the axes meet is used.
     Reading best{true, false};
     double least = std::numeric_limits<double>::infinity();
     for (const Reading& reading :
@@ -299,8 +300,8 @@ void read_gazes(XgazeSource& s, Index rows) {
         const Rows gaze(*s.file, "face_gaze", rows, 2);
         for (XgazeFrame& f : s.frames)
             for (Patch& p : f.patches) {
-                // Of the camera of the patch, x right, y down, z forward, with the sign turned so
-                // that a gaze into the camera is 0.
+                // In the frame of the patch's camera, x right, y down, z forward, with the sign
+                // inverted so that a gaze into the camera is 0.
                 const Vec2<double> a = angles(gaze, p.row);
                 p.gaze_world =
                     p.pinhole.camera_from_world.turn_back(Vec3<double>(-gaze_vector(a[0], a[1])));
@@ -311,7 +312,7 @@ void read_gazes(XgazeSource& s, Index rows) {
             "has neither face_gaze nor pitchyaw_head, expected the gaze of each patch");
     const Rows gaze(*s.file, "pitchyaw_head", rows, 2);
     for (XgazeFrame& f : s.frames) {
-        // Of ETH-XGaze's face model, x to the subject's left, y down, z into the head.
+        // In the frame of ETH-XGaze's face model, x to the subject's left, y down, z into the head.
         Vec3<double> sum = Vec3<double>::Zero();
         for (const Patch& p : f.patches) {
             const Vec2<double> a = angles(gaze, p.row);
@@ -322,7 +323,7 @@ void read_gazes(XgazeSource& s, Index rows) {
     }
 }
 
-/// Expression codes of GazeNeRF's 3DMM: after 100 of the identity.
+/// Reads the expression codes of GazeNeRF's 3DMM, which follow 100 codes of the identity.
 void read_expressions(XgazeSource& s, Index rows) {
     constexpr Index first = 100, count = 79;
     if (!s.file->has("latent_codes")) return;
@@ -375,7 +376,7 @@ XgazeSource read_source(const Hdf5File& file, const ImportOptions& o) {
 
 // ---- landmarks and head ------------------------------------------------------------------------
 
-/// 3D landmarks of a frame and their mean distance from those of the patches [px].
+/// 3D landmarks of a frame and their mean distance from the patches' landmarks [px].
 struct Triangulated {
     Columns<double> points; ///< 3 x 68
     double error = 0;
@@ -417,7 +418,7 @@ Triangulated triangulated(const XgazeFrame& f) {
     return t;
 }
 
-/// Landmarks of nose and eyes' corners, which expressions move least.
+/// Landmarks of the nose and the eyes' corners, which expressions move least.
 constexpr std::array<Index, 13> stable{27, 28, 29, 30, 31, 32, 33, 34, 35, 36, 39, 42, 45};
 
 Columns<double> stable_of(const Columns<double>& points) {
@@ -427,8 +428,8 @@ Columns<double> stable_of(const Columns<double>& points) {
     return out;
 }
 
-/// The head frame of the first frame's landmarks: x from the right to the left lids, y from mouth
-/// to lids as far as it is across x.
+/// Returns the head frame of the first frame's landmarks: x from the right to the left lids, y from
+/// mouth to lids, orthogonal to x.
 Rigid<double> head_of(const Columns<double>& points) {
     const Vec3<double> right = points.middleCols(36, 6).rowwise().mean();
     const Vec3<double> left = points.middleCols(42, 6).rowwise().mean();
@@ -442,14 +443,15 @@ Rigid<double> head_of(const Columns<double>& points) {
     return pose;
 }
 
-/// Properties that all frames share.
+/// Properties shared by all frames.
 struct Shared {
     Columns<double> reference; ///< stable landmarks of the first frame, head frame
 };
 
 // ---- pictures ----------------------------------------------------------------------------------
 
-/// 0 where black pixels reach the border: warping fills there what the camera did not see.
+/// Returns 0 for black pixels connected to the border: warping fills pixels there that the camera
+/// did not see.
 Image8 padding_of(const Image8& picture) {
     const int w = picture.width, h = picture.height;
     Image8 visible = plain_image(w, h, 255);
@@ -488,7 +490,7 @@ Image8 mask_of(const Hdf5File& file, const char* name, Index row, int side) {
     return mask;
 }
 
-/// Both masks of the file in one; each has the side whose lids are nearer to it.
+/// Returns both masks of the file in one; each belongs to the side with the nearer lids.
 Image8 stored_eyes(const XgazeSource& s, const Patch& p, const Columns<double>& points) {
     Image8 eyes = plain_image(s.side, s.side, 0);
     for (const char* name : {"left_eye_mask", "right_eye_mask"}) {
@@ -517,7 +519,7 @@ Image8 stored_eyes(const XgazeSource& s, const Patch& p, const Columns<double>& 
     return eyes;
 }
 
-/// The face inside the landmarks, and a forehead as high as the nose is long.
+/// Returns the face inside the landmarks, and a forehead as high as the nose is long.
 Image8 face_mask(const Columns<double>& points, const Pinhole<double>& camera) {
     const Vec3<double> brows = points.middleCols(17, 10).rowwise().mean();
     const Vec3<double> up = 0.8 * (brows - Vec3<double>(points.col(33)));
@@ -548,10 +550,10 @@ ImportView view_of(const XgazeSource& s, const Patch& p, const Columns<double>& 
     return view;
 }
 
-/// Throws Error for a patch whose landmarks are far from those that the other cameras see: its
-/// camera is another one.
+/// Throws an Error for a patch whose landmarks are far from those of the other cameras: its camera
+/// is a wrong one.
 void require_landmarks(const XgazeSource& s, const XgazeFrame& f, const Columns<double>& points) {
-    constexpr double most = 0.1; // of the side of a patch
+    constexpr double most = 0.1; // times the side of a patch
     for (const Patch& p : f.patches) {
         double off = 0;
         for (Index i = 0; i < landmark_count; ++i)
@@ -602,7 +604,7 @@ ImportFrame frame_of(const XgazeSource& s, const Shared& shared, const XgazeFram
     return frame;
 }
 
-/// Lengths of the file in rye's units, the head frame from the first frame.
+/// Converts the file's lengths to rye's units, and takes the head frame from the first frame.
 Shared prepared(XgazeSource& s) {
     const Columns<double> first = triangulated(s.frames.front()).points;
     const double span = (first.rowwise().maxCoeff() - first.rowwise().minCoeff()).norm();

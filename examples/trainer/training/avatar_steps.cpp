@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Steps of stage 2. An avatar's effects decide how it is driven; the objective is compiled once.
+// Steps of stage 2. Drivers depend on an avatar's effects; the objective is compiled once.
 #include <variant>
 
 #include <rye/avatar/hold.hpp>
@@ -11,7 +11,7 @@
 namespace rye::trainer {
 namespace {
 
-/// LPIPS where its weights are given, else the loss without weights.
+/// LPIPS if its weights are given, else the loss without weights.
 struct ChosenPerceptual {
     std::variant<PyramidGradientLoss, LpipsVgg<float>> loss;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/avatar_training.hpp: what stage 2 of a run is given beside its avatar, and the names of
+/// training/avatar_training.hpp: settings of stage 2 of a run beside its avatar, and the names of
 /// its losses; the same for the CPU and for a device.
 #pragma once
 
@@ -22,13 +22,13 @@ AvatarTraining<Balanced, Perceptual> avatar_training(const TrainState& state) {
     t.objective.weights = c.gaussians.weights;
     t.objective.rasterizer = train_rasterizer();
     t.rates = c.gaussians.rates;
-    if (c.gaze_axis == GazeAxis::optical) t.rates.kappa = 0; // where there is one, it stays 0
+    if (c.gaze_axis == GazeAxis::optical) t.rates.kappa = 0; // kappa, if any, stays 0
     t.centred_corrections = c.gaussians.centre_corrections;
     t.bounds = {c.gaussians.eyeball.max_growth, c.gaussians.eyeball.thickness};
     return t;
 }
 
-/// The losses as log.jsonl has them.
+/// Returns the losses under their names in log.jsonl.
 inline std::vector<std::pair<std::string, double>> names_of(const AvatarLosses<float>& l) {
     return {{"loss", l.total},
             {"high_resolution", l.high_resolution},

@@ -10,7 +10,7 @@
 namespace rye::trainer {
 
 bool has_stage_one(const std::filesystem::path& run) {
-    // A safetensors file: 8 bytes of the header's length, little-endian, then the header, JSON.
+    // A safetensors file: the header's length in 8 bytes, little-endian, then the header, JSON.
     std::ifstream file(checkpoint_path(run), std::ios::binary);
     std::array<unsigned char, 8> size{};
     if (!file.read(reinterpret_cast<char*>(size.data()), size.size())) return false;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/begun.hpp: stage 2 from the stage 1 of another run.
+/// training/begun.hpp: start of a run at stage 2, with the stage 1 of another run.
 #pragma once
 
 #include <filesystem>
@@ -8,13 +8,14 @@
 
 namespace rye::trainer {
 
-/// True if the folder holds a run whose stage 1 is complete. Reads the checkpoint's words alone;
-/// false for a file that cannot be read.
+/// Returns true if the folder holds a run whose stage 1 is complete; false for a file that cannot
+/// be read. Reads the checkpoint's metadata alone.
 bool has_stage_one(const std::filesystem::path& run);
 
-/// Takes the guidance mesh that the stage 1 of `run` has ended with. Configuration, frames' mark
-/// and training frames of `state` are set. Error that names the run and the field in which the two
-/// differ, if stage 1 reads it; the same for another capture and for a run in stage 1.
+/// Copies the guidance mesh at the end of stage 1 of `run` into `state`, whose configuration,
+/// frames' mark and training frames are set. Throws an Error that names the run and the field if
+/// the two differ in a field that stage 1 reads; also for another capture, and for a run in
+/// stage 1.
 void take_stage_one(const std::filesystem::path& run, TrainState& state);
 
 } // namespace rye::trainer

@@ -12,13 +12,14 @@
 namespace rye::trainer {
 namespace {
 
-/// What a camera sees at a point.
+/// Colour that a camera sees at a point.
 struct Sample {
     std::size_t camera, point;
     Vec3<double> colour; ///< logarithm of linear light
 };
 
-/// Mean over the 3 x 3 pixels around one; nothing at rims of the head and where it is dark.
+/// Returns the mean over the 3 x 3 pixels around a point; nothing at rims of the head and in dark
+/// places.
 std::optional<Vec3<double>> colour_at(const Image<float>& picture, const Image<float>& mask,
                                       const Vec3<double>& at) {
     constexpr double least = 0.01;
@@ -36,10 +37,10 @@ std::optional<Vec3<double>> colour_at(const Image<float>& picture, const Image<f
     return Vec3<double>(sum.array().log());
 }
 
-/// What cameras see of the landmarks of a frame from the front.
+/// Adds the colours that cameras see from the front at the landmarks of a frame.
 void add_frame(const Capture& capture, int frame, const Vec3<double>& head_centre,
                std::vector<Sample>& all, std::size_t& points) {
-    constexpr double frontal = 0.55; // cosine between the way out of the head and to the camera
+    constexpr double frontal = 0.55; // cosine of the angle from outwards to the camera
     const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frame)];
     const Columns<double> world = frame_landmarks(capture, frame), head = to_canonical(f, world);
     const Mat3<double> rotation = so3_exp(Vec3<double>(f.pose.head<3>()));
@@ -49,7 +50,7 @@ void add_frame(const Capture& capture, int frame, const Vec3<double>& head_centr
         const Image<float> picture = capture.image(frame, c), mask = capture.mask(frame, c);
         const Pinhole<double>& camera = capture.camera(frame, c);
         for (Index l = 0; l < world.cols(); ++l) {
-            constexpr Index first_of_eyes = 36; // of iBUG; lips are behind them, to the last
+            constexpr Index first_of_eyes = 36; // iBUG numbering; lips follow, to the last
             if (l >= first_of_eyes && l < f.landmarks.cols()) continue;
             const Vec3<double> out = rotation * (head.col(l) - head_centre).normalized();
             const Vec3<double> to_camera = (camera.centre() - world.col(l)).normalized();
@@ -66,11 +67,11 @@ void add_frame(const Capture& capture, int frame, const Vec3<double>& head_centr
     points += seen.size();
 }
 
-/// Logarithms of gains, 3 x cameras, their mean 0: robust least squares in turns of points and
-/// cameras.
+/// Returns the logarithms of gains, 3 x cameras, of mean 0, by robust least squares alternating
+/// between points and cameras.
 Columns<double> log_gains(const std::vector<Sample>& all, std::size_t points, Index cameras) {
     constexpr int rounds = 60;
-    constexpr double spread2 = 0.08 * 0.08; // of what shine does
+    constexpr double spread2 = 0.08 * 0.08; // variance of shine
     Columns<double> gain = Columns<double>::Zero(3, cameras);
     Columns<double> point = Columns<double>::Zero(3, static_cast<Index>(points));
     for (int round = 0; round < rounds; ++round) {

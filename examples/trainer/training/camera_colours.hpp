@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/camera_colours.hpp: how cameras of a capture differ in gain and white balance, found
-/// before a training from what several of them see of the same points of the head.
+/// training/camera_colours.hpp: differences of a capture's cameras in gain and white balance, found
+/// before a training from the colours that several of them see at the same points of the head.
 #pragma once
 
 #include "data/capture.hpp"
@@ -9,11 +9,11 @@
 namespace rye::trainer {
 
 /// Finds each camera's gains of red, green and blue in linear light, whose product over cameras is
-/// 1, and lets the capture take them out of its pictures where they are wrong, so that an avatar
-/// is trained, and measured, in the colours of the mean camera. Colours at a landmark of a frame
-/// are those of its skin and light, and the camera's gain: what two cameras see there differs by
-/// their gains alone, but for shine, of which the median differences of many are free. Of training
-/// frames, evenly chosen; landmarks that a camera sees from the front, without eyes and mouth.
+/// 1. If they are wrong, makes the capture remove them from its pictures, so that an avatar is
+/// trained and measured in the colours of the mean camera. The colour at a landmark of a frame is a
+/// product of skin, light and the camera's gain: two cameras differ there by their gains alone,
+/// except for shine, which the median of many differences suppresses. Uses evenly chosen training
+/// frames, and landmarks that a camera sees from the front, without eyes and mouth.
 LabelFinding correct_colours(Capture& capture, const TrainConfig& config);
 
 } // namespace rye::trainer

@@ -8,7 +8,7 @@
 namespace rye::trainer {
 namespace {
 
-/// Sum of the lengths of the vectors less one.
+/// Returns the sum of the lengths of the vectors minus `less`.
 double sum_of_lengths(const std::vector<Vec3<double>>& all, const Vec3<double>& less) {
     double sum = 0;
     for (const Vec3<double>& v : all) sum += (v - less).norm();
@@ -41,7 +41,7 @@ CentreErrors centre_errors(const TrainState& state, const Capture& capture,
     for (const int f : frames) {
         const CaptureFrame& frame = capture.frames[static_cast<std::size_t>(f)];
         if (!frame.eyes[0].centre && !frame.eyes[1].centre) continue;
-        const Drivers<float> drivers =
+        const OpticalDrivers<float> drivers =
             optical_drivers(state, frame_drivers(capture, f, state.config.gaze_axis));
         EyeOffsetTrace<float> trace;
         const Columns<double> offset = eye_offset<float>(train_backend(), rig.offset, config,

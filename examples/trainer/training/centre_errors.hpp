@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/centre_errors.hpp: where a run places the eyeballs' centres, against those that its
+/// training/centre_errors.hpp: errors of the eyeballs' centres of a run against those that its
 /// capture measured, with the eye offset D_e and without.
 #pragma once
 
@@ -12,22 +12,22 @@
 
 namespace rye::trainer {
 
-/// A canonical unit [mm]: heads of captures are about 2 units high.
+/// Length of a canonical unit [mm]: heads of captures are about 2 units high.
 inline constexpr double mm_per_unit = 100;
 
 /// Mean distances of centres from the measured ones [mm], over eyes and frames with a measured one.
 struct CentreErrors {
-    int eyes = 0;               ///< how many; 0: nothing was measured
-    double with = 0;            ///< of the neutral centre plus D_e of the frame's drivers
-    double without = 0;         ///< of the neutral centre
-    /// The same less each eye's mean difference: what is left is the error of the motion, also
-    /// where the neutral centre was not measured but follows from landmarks.
+    int eyes = 0;               ///< number of measured centres
+    double with = 0;            ///< error of the neutral centre plus D_e of the frame's drivers
+    double without = 0;         ///< error of the neutral centre
+    /// The same after subtraction of each eye's mean difference: the error of the motion, also if
+    /// the neutral centre was not measured but derived from landmarks.
     double motion_with = 0, motion_without = 0;
 
     nlohmann::ordered_json json() const;
 };
 
-/// The state is one that is drawn (run.hpp).
+/// Returns the errors for a drawn state (run.hpp).
 CentreErrors centre_errors(const TrainState& state, const Capture& capture,
                            const std::vector<int>& frames);
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/chosen_parts.hpp: parts of an avatar (rye/rig/parts.hpp) that are chosen while the
-/// program runs, one of a list. An avatar that has them is one type, compiled once, whatever is
-/// chosen; the choice is made by what its parameters hold.
+/// training/chosen_parts.hpp: parts of an avatar (rye/rig/parts.hpp) chosen at run time, one of a
+/// list. An avatar with such parts is one type, compiled once for all choices; the alternative that
+/// its parameters hold is the choice.
 #pragma once
 
 #include <tuple>
@@ -11,7 +11,7 @@
 
 namespace rye::trainer {
 
-/// Parameters of one part of several: its fields are those of the one that is held.
+/// Parameters of one of several parts, with the fields of the one that is held.
 template <class... P>
 struct OneOfParameters {
     std::variant<P...> held;
@@ -22,7 +22,8 @@ struct OneOfParameters {
             std::variant_alternative_t<k, std::variant<P...>>::fields(f, std::get<k>(many.held)...);
         });
     }
-    /// f<k>() with the place in the list of what `p` holds.
+    /// Calls f<k>() with the index in the list of the alternative that `p` holds; returns its
+    /// result.
     template <class F>
     static auto visit(const OneOfParameters& p, F&& f) {
         return at(p.held.index(), f, std::make_index_sequence<sizeof...(P)>());
@@ -42,7 +43,8 @@ struct OneOfParameters {
     }
 };
 
-/// One of these gaze mechanisms; the first until `held` says otherwise. None may change features.
+/// One of several gaze mechanisms, by default the first; `held` selects it. None may change
+/// features.
 template <GazeMechanism... M>
 struct OneMechanism : ExplicitRotation {
     static_assert(!(M::changes_features || ...));
@@ -65,7 +67,7 @@ struct OneMechanism : ExplicitRotation {
     }
 };
 
-/// One of these eye appearances; the first until `held` says otherwise.
+/// One of several eye appearances, by default the first; `held` selects it.
 template <EyeAppearance... A>
 struct OneAppearance {
     static constexpr bool reads_inputs = true;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/density.hpp: rye/train/density.hpp for whichever avatar a run trains, and the most
-/// Gaussians that its face can have.
+/// training/density.hpp: rye/train/density.hpp for any avatar of a run.
 #pragma once
 
 #include <rye/train/density.hpp>
@@ -9,8 +8,8 @@
 
 namespace rye::trainer {
 
-/// The change of the state's face and its moments by gaussians.density, whether it is due or not.
-/// Trainers that were made of the state must be made again.
+/// Changes the state's face and its moments by gaussians.density, whether a change is due or not.
+/// Trainers made of the state must be made again.
 DensityChange change_face(TrainState& state);
 
 } // namespace rye::trainer

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The device of this machine, and the choice among what is compiled for it.
+// The device of this machine, and selection among the kernels compiled for it.
 #include "training/device.hpp"
 
 #include <cuda_runtime.h>
@@ -19,7 +19,7 @@ DeviceFinding find_device() {
     if (got == cudaSuccess) got = cudaGetDeviceProperties(&properties, current);
     if (got == cudaSuccess) got = cudaMemGetInfo(&free, &total);
     if (got != cudaSuccess) {
-        static_cast<void>(cudaGetLastError()); // so that nobody else meets it
+        static_cast<void>(cudaGetLastError()); // clears the error for later calls
         f.reason = std::string("CUDA finds no device: ") + cudaGetErrorName(got) + " (" +
                    cudaGetErrorString(got) + ")";
         return f;

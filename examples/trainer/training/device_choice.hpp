@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/device_choice.hpp: the one policy by which `rye train` takes a device or the CPU for
-/// stage 2, and commands that draw a run for its pictures.
+/// training/device_choice.hpp: the policy that selects a device or the CPU for stage 2 of `rye
+/// train`, and for commands that draw a run.
 #pragma once
 
 #include <limits>
@@ -11,18 +11,18 @@
 
 namespace rye::trainer {
 
-/// The words of --device.
+/// Values of --device.
 enum class DeviceWish { automatic, cpu, cuda };
 
-/// The wish of a word: auto, cpu or cuda.
+/// Returns the value for a word: auto, cpu or cuda.
 inline DeviceWish device_wish(const std::string& word) {
     return word == "auto"  ? DeviceWish::automatic
            : word == "cpu" ? DeviceWish::cpu
                            : DeviceWish::cuda;
 }
 
-/// The field of a configuration without kernels, as "avatar.feature is 129", with what is expected;
-/// empty where a device can train and draw it.
+/// Returns the field of a configuration that has no kernels, as "avatar.feature is 129", with the
+/// expected range; empty if a device can train and draw it.
 inline std::string without_kernels(const TrainConfig& c) {
     // Tiles of rye::DeviceNetworks.
     constexpr int widest = 256, features = 128, codes = 64, layers = 8;
@@ -56,14 +56,15 @@ inline std::string without_kernels(const TrainConfig& c) {
     return words;
 }
 
-/// The side that trains stage 2 or draws a run.
+/// Decision to train stage 2 or to draw on a device or the CPU.
 struct DeviceDecision {
     bool device = false;
-    std::string reason; ///< of the CPU, where a build with kernels has it by itself; else empty
+    std::string reason; ///< for the CPU, if a build with kernels chose it by itself; else empty
 };
 
-/// A device where the build has kernels, a device is there and the configuration has kernels; the
-/// CPU otherwise. Throws Error, beginning with --device, where `wish` asks for a device in vain.
+/// Returns a device if the build has kernels, a device is present and the configuration has
+/// kernels; else the CPU. Throws an Error that begins with --device if `wish` asks for a device in
+/// vain.
 inline DeviceDecision decided(DeviceWish wish, const TrainConfig& config,
                               const DeviceFinding& finding) {
     if (wish == DeviceWish::cpu) return {};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/device_drawer_of.hpp: DeviceDrawer by rye::DeviceAvatarDrawer, on any device that its
-/// kernels run on: that of CUDA (device_engine.hpp), or the emulation of the tests.
+/// training/device_drawer_of.hpp: DeviceDrawer by rye::DeviceAvatarDrawer, on any device that runs
+/// its kernels: CUDA (device_engine.hpp), or the emulation of the tests.
 #pragma once
 
 #include <rye/avatar/cuda/drawer.hpp>
@@ -12,8 +12,8 @@
 
 namespace rye::trainer {
 
-/// Machine: a Device, its stream() and its memory, which outlive the work, and its Policy<N> of N
-/// planes, which kernels of a DeviceEngineOf share.
+/// DeviceDrawer on a Machine: a Device, its stream() and its memory, which outlive the work, and
+/// its Policy<N> of N planes, whose kernels a DeviceEngineOf shares.
 template <EffectSet E, class Machine>
 class DeviceDrawerOf final : public DeviceDrawer {
     using Device = typename Machine::Device;
@@ -55,7 +55,7 @@ class DeviceDrawerOf final : public DeviceDrawer {
         return {{to.data(), image.channels(), image.size()}, image.width, image.height};
     }
 
-    Machine machine_; // goes last: memory is given back on its stream
+    Machine machine_; // destroyed last: memory is returned on its stream
     CudaQueue queue_;
     DeviceAvatarDrawer<E, Device, Policy> drawer_;
     std::unique_ptr<Lpips> lpips_;

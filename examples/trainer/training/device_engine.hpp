@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/device_engine.hpp: DeviceEngineOf and DeviceDrawerOf for CUDA. Under nvcc only; each
 /// number of planes and list of effects is a source of its own (device_*.cu), as each takes nvcc a
-/// minute. What draws is in those of drawing_planes, whose kernels it shares.
+/// minute. Drawers are in those of drawing_planes, whose kernels they share.
 #pragma once
 
 #include <rye/backend/cuda/device.hpp>
@@ -11,7 +11,7 @@
 
 namespace rye::trainer {
 
-/// The current device, with a stream of its own and CUDA's pool of memory.
+/// Current device, with a stream of its own and CUDA's pool of memory.
 class CudaMachine {
   public:
     using Device = CudaDevice;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/device_engine_of.hpp: DeviceEngine by rye::DeviceAvatarTrainer, on any device that its
-/// kernels run on: that of CUDA (device_engine.hpp), or the emulation of the tests.
+/// training/device_engine_of.hpp: DeviceEngine by rye::DeviceAvatarTrainer, on any device that runs
+/// its kernels: CUDA (device_engine.hpp), or the emulation of the tests.
 #pragma once
 
 #include <rye/avatar/hold.hpp>
@@ -12,7 +12,7 @@
 
 namespace rye::trainer {
 
-/// LPIPS where its weights are given, else the loss without weights. N: planes of its products.
+/// LPIPS if its weights are given, else the loss without weights. N: planes of its products.
 template <class Device, int N>
 class ChosenDevicePerceptual {
   public:
@@ -38,8 +38,8 @@ class ChosenDevicePerceptual {
     std::unique_ptr<DeviceLpips<Device, N>> lpips_;
 };
 
-/// Machine: a Device, its stream() and its memory, which outlive the work, and its Policy<N> of N
-/// planes.
+/// DeviceEngine on a Machine: a Device, its stream() and its memory, which outlive the work, and
+/// its Policy<N> of N planes.
 template <EffectSet E, int N, class Machine>
 class DeviceEngineOf final : public DeviceEngine<E> {
     using Device = typename Machine::Device;
@@ -67,7 +67,7 @@ class DeviceEngineOf final : public DeviceEngine<E> {
                  const Adam<TwoStream<float, E>>& adam) override {
         DeviceViews<Device> views(Device{}, trainer_->views().factor());
         views.take(trainer_->views());
-        trainer_.reset(); // its memory goes before the next one's is asked for
+        trainer_.reset(); // frees its memory before the next one allocates
         begin(avatar, adam);
         trainer_->views().take(views);
     }
@@ -83,7 +83,7 @@ class DeviceEngineOf final : public DeviceEngine<E> {
                                              training_, perceptual_);
     }
 
-    Machine machine_; // goes last: memory is given back on its stream
+    Machine machine_; // destroyed last: memory is returned on its stream
     CudaQueue queue_;
     decltype(DeviceTask::training) training_;
     ChosenDevicePerceptual<Device, N> perceptual_;

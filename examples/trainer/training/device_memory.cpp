@@ -23,11 +23,11 @@ constexpr double number = sizeof(float), half = sizeof(std::uint16_t);
 
 double up(double x, double multiple) { return std::ceil(x / multiple) * multiple; }
 
-/// Memory of a network's vjp, among others: those that displace are differentiated beside the
-/// face's others, those that make features of eyes beside both.
+/// Group of a network's vjp memory: networks of displacements are differentiated in parallel with
+/// the face's others, networks of the eyes' features in parallel with both.
 enum class VjpMemory { face, displacements, eyes };
 
-/// A network over the points of a driver's list, or of an eye.
+/// Network over the points of a driver's list, or of an eye.
 struct Network {
     MlpShape shape;
     double points;
@@ -39,7 +39,7 @@ struct Network {
             sum += (static_cast<double>(shape.fan_in(l)) + 1) * shape.layer_out(l);
         return sum;
     }
-    /// Half words of the planes of a layer's outputs, or of the inputs.
+    /// Returns the half words of the planes of a layer's outputs, or of the inputs.
     double halves(int width, int planes) const { return planes * points * up(width, 16); }
 };
 
@@ -59,7 +59,7 @@ std::vector<Network> networks_of(const TrainConfig& config, const DeviceSizes& s
         all.push_back({mlp_shape(c.feature, gaze, n.gaze_color, c.channels), points});
         all.push_back({mlp_shape(xyz, gaze, n.gaze_deform, 3), points, beside});
     }
-    all.push_back({mlp_shape(c.expression + pose, 0, n.eye_offset, 6), 0}); // of one column
+    all.push_back({mlp_shape(c.expression + pose, 0, n.eye_offset, 6), 0}); // one column
     if (config.eye_appearance == EyeAppearanceName::driven)
         all.insert(
             all.end(), 2,
@@ -68,7 +68,7 @@ std::vector<Network> networks_of(const TrainConfig& config, const DeviceSizes& s
     return all;
 }
 
-/// Layers of the upsampler at the sizes of one picture.
+/// Layers of the upsampler for one picture.
 struct UpsamplerLayers {
     UpsamplerShape shape;
     double small; ///< pixels of the render
@@ -80,7 +80,8 @@ struct UpsamplerLayers {
             sum += 9.0 * shape.layer_in(l) * shape.block_out(l / 2);
         return sum;
     }
-    /// Memory that the vjp of one pass reads: results of layers, and their inputs as planes.
+    /// Returns the memory that the vjp of one pass reads: results of layers, and their inputs as
+    /// planes.
     double trace(int planes) const {
         double sum = 0;
         for (int l = 0; l < shape.layers(); ++l)
@@ -90,8 +91,8 @@ struct UpsamplerLayers {
             for (int d = 0; d <= shape.doublings; ++d) sum += number * 3 * pixels(2 * d);
         return sum;
     }
-    /// Memory that the passes share: planes of a cotangent, two cotangents, those of the skip,
-    /// weights as planes for both directions, partial gradients of weights.
+    /// Returns the memory shared by the passes: planes of a cotangent, two cotangents, those of the
+    /// skip, weights as planes for both directions, partial gradients of weights.
     double shared(int planes, int width, int height) const {
         double most = 0, padded = 0, packed = 0, partial = 0;
         for (int l = 0; l < shape.layers(); ++l) {
@@ -109,7 +110,7 @@ struct UpsamplerLayers {
     }
 };
 
-/// The frames of a step's three renders, by the room that they begin with.
+/// Returns the memory of the frames of a step's three renders, at their initial capacity.
 double frames_of(const TrainConfig& config, const DeviceSizes& s, int width, int height) {
     const auto frame = [&](double gaussians, int channels) {
         const int kernels = channels <= 3 ? 3 : channels <= 16 ? 16 : 32;
@@ -128,7 +129,7 @@ double frames_of(const TrainConfig& config, const DeviceSizes& s, int width, int
            frame(s.eyes, config.avatar.channels);
 }
 
-/// LPIPS on whole pictures: features of both, planes, cotangents, weights.
+/// Returns the memory of LPIPS on whole pictures: features of both, planes, cotangents, weights.
 double lpips_bytes(double pixels, int planes) {
     const VggShape shape;
     double features = 0, slices = 0, most = 0, weights = 0;
@@ -148,14 +149,14 @@ double lpips_bytes(double pixels, int planes) {
            planes * half * (most + 2 * weights);
 }
 
-/// Points of a face, each of which stands for `count` of the face's.
+/// Sample points of a face, each standing for `count` of the face's points.
 struct ListedPoints {
     const Columns<float>& points;
     const Columns<float>& landmarks;
     VecX<double> count;
 };
 
-/// Points of the face that expression, pose and both gazes move.
+/// Returns the number of the face's points that expression, pose and both gazes move.
 std::array<double, 4> moved_by(const TrainState& state, const ListedPoints& face) {
     WeightsTrace<float, TrainEffects> nearest;
     const Weights<float, TrainEffects> w =
@@ -168,7 +169,7 @@ std::array<double, 4> moved_by(const TrainState& state, const ListedPoints& face
             among(GazeField<0>{}.influence(w)), among(GazeField<1>{}.influence(w))};
 }
 
-/// The room that a list gets when it is first found too short.
+/// Returns the capacity of a list when it is first found too short.
 double list_room(double points, double face) {
     return std::min(face, points + std::floor(points / 4) + 64);
 }
@@ -198,11 +199,11 @@ DeviceSizes device_sizes(const TrainState& state, const Capture& capture) {
         const Columns<float> points = guess.points.cast<float>(),
                              landmarks = guess.landmarks.cast<float>();
         s.listed = moved_by(state, {points, landmarks, guess.vertices});
-        const double mouth = state.config.gaussians.mouth_points; // before all lips
+        const double mouth = state.config.gaussians.mouth_points; // as if all were at the lips
         s.face = guess.vertices.sum() + mouth;
         s.listed[0] += mouth;
     }
-    // Those that split may all lie where a list is.
+    // All Gaussians that split may lie in one list.
     const AvatarTrainConfig& g = state.config.gaussians;
     const double most =
         most_of_face(g.density, s.face, state.stage == Stage::avatar ? state.step : 0,
@@ -226,7 +227,7 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
                         upsampler.parameters();
     if (g.rates.delta_gaze > 0) parameters += 4 * s.frames;
     if (config.shading != ShadingName::none) parameters += 3 * s.face; // normals
-    // A point: code, feature, influences and their cotangents, the last ones twice; nearest
+    // Per point: code, feature, influences and their cotangents, the last ones twice; nearest
     // landmarks, lists, steps of attributes. The driven cloud and its cotangent, parts of the other
     // renders.
     double kept = number * s.face * (2 * (a.position_code() + a.feature + 4) + 4 + 3 + 4 + 16) +
@@ -251,8 +252,8 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
         if (n.memory != VjpMemory::eyes) // whose outputs are the features themselves
             outputs[k] = std::max(outputs[k], number * shape.outputs() * n.points);
     }
-    // Sums of the weights' gradients are of two networks at a time, and of one that makes features
-    // of eyes.
+    // Two networks at a time hold sums of their weights' gradients, and one more for eyes'
+    // features.
     constexpr double of_sums = number * MlpWeightCut::aim * MlpWeightCut::of_block;
     for (int k = 0; k < 3; ++k) kept += cotangents[k] + outputs[k];
     kept += 2 * of_sums;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/device_memory.hpp: how much device memory stage 2 needs, before it begins, by formula.
-/// CUDA's own memory (its context, code of kernels) is not in it.
+/// training/device_memory.hpp: estimate by formula, before it begins, of the device memory that
+/// stage 2 needs, without CUDA's own memory (its context, code of kernels).
 #pragma once
 
 #include <array>
@@ -11,25 +11,25 @@
 
 namespace rye::trainer {
 
-/// Numbers that the memory follows from, beside the configuration.
+/// Sizes that determine the memory, beside the configuration.
 struct DeviceSizes {
-    double face = 0, eyes = 0;         ///< Gaussians; of the face the most that there can be
-    std::array<double, 4> listed = {}; ///< points that expression, pose and both gazes move
-    double frames = 0, views = 0;      ///< of training
+    double face = 0, eyes = 0;         ///< number of Gaussians; of the face, the largest possible
+    std::array<double, 4> listed = {}; ///< points moved by expression, pose and both gazes
+    double frames = 0, views = 0;      ///< for training
     int width = 0, height = 0;         ///< of the pictures [px]
-    bool lpips = false;                ///< whether the perceptual loss has weights
+    bool lpips = false;                ///< true if the perceptual loss has weights
 };
 
-/// Of a run: counted in stage 2; before it estimated, as the face's Gaussians depend on the surface
-/// that stage 1 finds.
+/// Returns the sizes of a run: counted in stage 2, estimated before, as the number of the face's
+/// Gaussians depends on the surface that stage 1 finds.
 DeviceSizes device_sizes(const TrainState& state, const Capture& capture);
 
-/// Device memory of stage 2 by what it is for [bytes].
+/// Device memory of stage 2, by purpose [bytes].
 struct DeviceNeed {
     struct Part {
         const char* name;
         double bytes;
-        const char* lower; ///< fields that make it less
+        const char* lower; ///< fields that reduce it
     };
     std::array<Part, 6> parts;
 
@@ -38,10 +38,11 @@ struct DeviceNeed {
 };
 DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& sizes);
 
-/// "1.9 GB of device memory: parameters 0.1, ...".
+/// Returns a text such as "1.9 GB of device memory: parameters 0.1, ...".
 std::string text_of(const DeviceNeed& need);
 
-/// Error, beginning with `who` and ending with `rest`, if it is more than the device has free.
+/// Throws an Error that begins with `who` and ends with `rest` if more is needed than the device
+/// has free.
 void require_device_room(const DeviceNeed& need, const DeviceFacts& device, const std::string& who,
                          const std::string& rest = "");
 

@@ -7,7 +7,7 @@
 namespace rye::trainer {
 namespace {
 
-/// A stream, which lives longer than what is on it.
+/// A stream that outlives the objects on it.
 class OwnStream {
   public:
     OwnStream() {

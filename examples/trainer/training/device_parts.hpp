@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/device_parts.hpp: the parts of training/chosen_parts.hpp on a device: kernels and
-/// memory are those of the part that an avatar's parameters hold.
+/// training/device_parts.hpp: the parts of training/chosen_parts.hpp on a device, with kernels and
+/// memory of the part that an avatar's parameters hold.
 #pragma once
 
 #include <memory>
@@ -17,7 +17,7 @@ inline constexpr bool part_has_kernels<trainer::OneMechanism<M...>> = (part_has_
 template <EyeAppearance... A>
 inline constexpr bool part_has_kernels<trainer::OneAppearance<A...>> = (part_has_kernels<A> && ...);
 
-/// The mechanism that is held when the object is made; functions as of FixedEye's.
+/// Mechanism held at construction; functions as FixedEye's.
 template <GazeMechanism... M, class Device>
 class DeviceGazeMechanism<trainer::OneMechanism<M...>, Device> {
   public:
@@ -51,7 +51,7 @@ class DeviceGazeMechanism<trainer::OneMechanism<M...>, Device> {
     std::variant<std::unique_ptr<DeviceGazeMechanism<M, Device>>...> held_;
 };
 
-/// The appearance that is held when the object is made; functions as of FreeFeatures'.
+/// Appearance held at construction; functions as FreeFeatures'.
 template <EyeAppearance... A, class Device, class Networks>
 class DeviceEyeAppearance<trainer::OneAppearance<A...>, Device, Networks> {
   public:

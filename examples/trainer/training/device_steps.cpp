@@ -13,7 +13,7 @@
 namespace rye::trainer {
 namespace {
 
-/// Shares of 255, rounded; numbers that were bytes come back as they were.
+/// Returns numbers as bytes, 255 for 1, rounded; numbers that came from bytes return unchanged.
 std::vector<std::uint8_t> bytes_of(const Image<float>& image) {
     std::vector<std::uint8_t> bytes;
     bytes.reserve(static_cast<std::size_t>(image.pixels.size()));
@@ -59,7 +59,7 @@ class DeviceStepsOf final : public DeviceSteps {
     double bytes() const override { return engine_->bytes(); }
 
   private:
-    /// The avatar that a run with these effects trains, and its optimiser.
+    /// Returns the avatar that a run with these effects trains, and its optimiser.
     template <class State>
     static auto own(State& state) {
         if constexpr (std::same_as<E, ComparedEffects>)

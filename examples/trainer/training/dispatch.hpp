@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/dispatch.hpp: from what a scene calls for to what was compiled. Variants are types
-/// that state their effects; a list of them is bounded, and given by the caller, so that a program
-/// compiles what it wants and no more. The smallest one that contains the effects is run.
+/// training/dispatch.hpp: selection of a compiled variant by the effects that a scene needs.
+/// Variants are types that state their effects; the caller gives a bounded list of them, so that a
+/// program compiles only the ones it wants. The smallest variant that contains the effects is run.
 #pragma once
 
 #include <array>
@@ -13,14 +13,14 @@
 
 namespace rye::trainer {
 
-/// A type with `static constexpr EffectMask effects`, and a value without arguments.
+/// A default-constructible type with `static constexpr EffectMask effects`.
 template <class V>
 concept Variant = std::default_initializable<V> && requires {
     { V::effects } -> std::convertible_to<EffectMask>;
-    typename std::integral_constant<std::uint32_t, V::effects.bits>;  // known while compiling
+    typename std::integral_constant<std::uint32_t, V::effects.bits>;  // known at compile time
 };
 
-/// Each variant is compiled whole: more than these are a mistake.
+/// Largest number of variants. Each is compiled whole: more are a mistake.
 inline constexpr std::size_t most_variants = 16;
 
 /// Variants that a program is compiled for.
@@ -30,8 +30,8 @@ struct Variants {
     static_assert(count >= 1 && count <= most_variants, "Variants: expected 1 to 16 of them");
     static constexpr std::array<EffectMask, count> effects{V::effects...};
 
-    /// Of those that contain the effects the one with the fewest, the first if several have as
-    /// few; count, if none does.
+    /// Returns the index of the variant with the fewest effects among those that contain `called`,
+    /// the first of equals; `count` if there is none.
     static constexpr std::size_t smallest(const EffectMask& called) {
         std::size_t best = count;
         for (std::size_t k = 0; k < count; ++k)
@@ -44,7 +44,7 @@ struct Variants {
 
 namespace detail {
 
-/// Effects that no variant has together, for the error.
+/// Returns the effects that no variant has together, for the error.
 template <class List>
 std::string nearest_variant(const EffectMask& called) {
     EffectMask missing = called;
@@ -55,7 +55,8 @@ std::string nearest_variant(const EffectMask& called) {
 
 } // namespace detail
 
-/// f(variant) of the smallest variant that contains the effects; Error if there is none.
+/// Returns f(variant) for the smallest variant that contains the effects; throws an Error if there
+/// is none.
 template <Variant First, Variant... Rest, class F>
 decltype(auto) dispatch(Variants<First, Rest...>, const EffectMask& called, F&& f) {
     using List = Variants<First, Rest...>;

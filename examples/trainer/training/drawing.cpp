@@ -8,7 +8,7 @@
 
 namespace rye::trainer {
 
-/// A device's drawer, and who has it.
+/// A device's drawer and its lock.
 struct AvatarDrawer::OnDevice {
     DeviceFacts facts;
     std::unique_ptr<DeviceDrawer> drawer;
@@ -17,7 +17,7 @@ struct AvatarDrawer::OnDevice {
 
 namespace {
 
-/// A drawer of the avatar that the state draws with.
+/// Returns a drawer of the state's avatar.
 std::unique_ptr<DeviceDrawer> drawer_of(const TrainState& state,
                                         const std::optional<LpipsWeights<float>>& lpips) {
     const AvatarConfig& config = state.config.avatar;
@@ -27,7 +27,7 @@ std::unique_ptr<DeviceDrawer> drawer_of(const TrainState& state,
     return device_drawer<TrainEffects>(state.avatar, config, roles, lpips);
 }
 
-/// The camera of the render of a picture.
+/// Returns the camera of a picture's render.
 Pinhole<float> of_render(const TrainState& state, const Pinhole<float>& camera) {
     return reduced(camera, 1 << state.config.gaussians.upsampler.doublings);
 }
@@ -51,7 +51,7 @@ AvatarDrawer::AvatarDrawer(const TrainState& state, DeviceWish wish,
                 made->facts = *finding.found;
                 made->drawer = drawer_of(state, weights);
                 device_ = std::move(made);
-            } catch (const Error& e) { // no room
+            } catch (const Error& e) { // too little memory
                 require(wish == DeviceWish::automatic, "--device",
                         std::string("got cuda, but ") + e.what());
                 reason = e.what();

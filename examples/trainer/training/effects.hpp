@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/effects.hpp: the avatars that the reference trainer trains, as lists of effects. Units
-/// that device compilers read include this and not training/types.hpp, which has lanes.
+/// for device compilers include this and not training/types.hpp, which has lanes.
 #pragma once
 
 #include <rye/avatar/trained.hpp>
@@ -11,12 +11,12 @@
 
 namespace rye::trainer {
 
-/// Effects that stage 1 knows of: its guidance mesh and the eyeballs' template have these.
+/// Effects of stage 1: of its guidance mesh and the eyeballs' template.
 using MeshEffects = PaperEffects;
-/// The avatar of a run; what its configuration leaves off has no parameters.
+/// Effects of a run's avatar; parts that its configuration leaves off have no parameters.
 using TrainEffects = TrainedEffects;
 using Avatar = TrainedAvatar<float>;
-/// The avatar of a run whose gaze mechanism is not explicit rotation; it may be shaded.
+/// Gaze mechanism of a run other than explicit rotation; its avatar may be shaded.
 using ComparedMechanism = OneMechanism<FixedEye, LearnedQuaternion>;
 using ComparedAppearance =
     OneAppearance<FreeFeatures, RotatedFeatures, ConditionedFeatures, RotatedCode>;

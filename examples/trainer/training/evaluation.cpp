@@ -16,15 +16,15 @@ namespace {
 using Json = nlohmann::ordered_json;
 constexpr double degrees = 180 / 3.14159265358979323846;
 
-/// The three areas that image quality is measured over, as 1 x pixels masks of 0 and 1.
+/// Areas over which image quality is measured, as 1 x pixels masks of 0 and 1.
 struct Areas {
     Columns<float> head;  ///< the subject's mask
     Columns<float> face;  ///< the head inside the convex hull of the projected landmarks
-    Columns<float> eyes;  ///< rectangles around the visible eyeballs, half as wide again
-    Columns<float> skin;  ///< all but the visible eyeballs
+    Columns<float> eyes;  ///< rectangles around the visible eyeballs, enlarged by half
+    Columns<float> skin;  ///< all except the visible eyeballs
 };
 
-/// Convex hull of points [px], counter-clockwise (Andrew's monotone chain).
+/// Returns the convex hull of points [px], counter-clockwise (Andrew's monotone chain).
 std::vector<Vec2<double>> convex_hull(std::vector<Vec2<double>> p) {
     std::sort(p.begin(), p.end(), [](const auto& a, const auto& b) {
         return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
@@ -46,7 +46,7 @@ std::vector<Vec2<double>> convex_hull(std::vector<Vec2<double>> p) {
     return hull;
 }
 
-/// A view's photograph, on white, and its masks.
+/// Photograph of a view, on white, and its masks.
 struct Photograph {
     Image<float> truth, mask, eyes;
 };
@@ -94,8 +94,8 @@ Image<float> white_outside(const Image<float>& image, const Columns<float>& area
     return out;
 }
 
-/// PSNR over the area's own pixels; SSIM and a second PSNR over the whole image with both pictures
-/// white outside the area, as the papers of this field compute them.
+/// Returns the quality over an area: PSNR over its own pixels; SSIM and a second PSNR over the
+/// whole image with both pictures white outside the area, as the papers of this field compute them.
 Quality quality(const Image<float>& shown, const Image<float>& truth, const Columns<float>& area) {
     Quality q;
     if (area.sum() < 1) return q;
@@ -107,7 +107,7 @@ Quality quality(const Image<float>& shown, const Image<float>& truth, const Colu
     return q;
 }
 
-/// The rectangle around an area: x, y, width, height.
+/// Returns the rectangle around an area: x, y, width, height.
 std::array<int, 4> box_of(const Columns<float>& area, int width) {
     int x0 = width, x1 = -1, y0 = -1, y1 = -1;
     for (Index p = 0; p < area.cols(); ++p) {
@@ -231,16 +231,17 @@ EyesOfView Evaluation::own_eyes(const Drivers<float>& drivers,
     return eyes_of(drivers, posed_eyes(state_, drivers, camera.cast<float>()));
 }
 
-/// A picture of the avatar, and where it says that its eyes are.
+/// Picture of the avatar, and its own eyes for the estimator.
 struct Evaluation::Render {
     Image<float> image;
     EyesOfView own;
 };
-/// With the frame's gaze, with that at rest, and with each eye at its nearest training gaze.
+/// Renders with the frame's gaze, with the gaze at rest, and with each eye at its nearest training
+/// gaze.
 struct Evaluation::Renders {
     Render frame, rest, nearest;
 };
-/// Results of a view, and its pictures as far as somebody wants them.
+/// Results of a view, and those of its pictures that were asked for.
 struct Evaluation::Measured {
     ViewResult result;
     Image<float> picture;
@@ -290,7 +291,7 @@ Evaluation::Measured Evaluation::measured(const MeasuredView& v, Renders shown) 
         ++r.eyes_in_view;
         if (usable_eye_pixels(area_of(labelled, e), truth.width) < min_eye_pixels) continue;
         ++r.eyes_visible;
-        // The iris is seen where the optical axis is.
+        // The visible iris follows the optical axis.
         const Vec3<double> label = f.eyes[e].optical;
         const auto fill = [&](const auto& eyes_in, GazeTable& table) {
             const auto estimate = [&](const Image<float>& picture, const EyesOfView& eyes) {
@@ -298,7 +299,7 @@ Evaluation::Measured Evaluation::measured(const MeasuredView& v, Renders shown) 
                                      eyes.area_error);
             };
             const auto of = [&](const Render& s) { return estimate(s.image, eyes_in(s)); };
-            // The photograph is looked at where the avatar says that its eyes are.
+            // On the photograph, the estimator searches where the avatar has its eyes.
             const std::optional<GazeEstimate> reference = estimate(truth, eyes_in(shown.frame));
             table.photograph.add(reference, reference, label);
             table.render.add(of(shown.frame), reference, label);
@@ -315,8 +316,8 @@ Evaluation::Measured Evaluation::measured(const MeasuredView& v, Renders shown) 
 std::vector<ViewResult> Evaluation::views(const std::vector<MeasuredView>& which,
                                           const TakePicture& take) const {
     const auto threads = static_cast<std::size_t>(program_threads().size());
-    // Pictures of so many views are held at once. A device draws while other threads measure; the
-    // CPU draws with all threads and the memory of one frame.
+    // Number of views whose pictures are held at once. A device draws while other threads measure;
+    // the CPU draws with all threads and the memory of one frame.
     const std::size_t most = std::clamp<std::size_t>(4 * threads, 8, 64);
     std::vector<ViewResult> results(which.size());
     for (std::size_t first = 0; first < which.size(); first += most) {

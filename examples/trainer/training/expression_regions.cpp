@@ -14,7 +14,7 @@
 namespace rye::trainer {
 namespace {
 
-/// Least reach, and the distance over which it falls off, times that of the eyes.
+/// Smallest reach, and the distance over which it falls off relative to the distance of the eyes.
 constexpr double least = 0.05, falloff = 0.45;
 
 /// First and last index of runs of landmarks.
@@ -25,8 +25,8 @@ struct Region {
     Runs landmarks;
 };
 
-/// Beginnings of names. Cheeks are the sides of the jaw's line, of the nose and of the mouth, and
-/// the lower lids.
+/// Returns the regions, with the beginnings of their names. Cheeks are the sides of the jaw's line,
+/// of the nose and of the mouth, and the lower lids.
 const std::vector<Region>& regions() {
     static const std::vector<Region> all = {
         {"brow", {{17, 26}}},
@@ -45,7 +45,7 @@ struct NamedRegion {
     int side = 0; ///< 1: the subject's left, -1: right, 0: both
 };
 
-/// jawLeft and mouthRight are directions, not sides.
+/// Returns the region of a name. jawLeft and mouthRight are directions, not sides.
 NamedRegion region_of(const std::string& name) {
     std::string word = name;
     std::transform(word.begin(), word.end(), word.begin(), [](char c) {
@@ -97,7 +97,7 @@ RegressionConfig expression_prior(const Capture& capture, const Subject& subject
     if (config.fit_regions)
         prior.expression_reach = expression_reach(capture.expression_names, subject.neutral);
     if (config.fit_shapes) prior.expression_shapes = expression_shapes(capture);
-    // Gaze explains first what shapes leave.
+    // With known shapes, gaze comes first to explain their remainder.
     if (prior.expression_shapes.size() > 0)
         prior.expression_reach = Columns<double>::Constant(prior.expression_shapes.rows(),
                                                            subject.neutral.cols(), least);

@@ -18,20 +18,20 @@ namespace {
 
 constexpr double pi = 3.14159265358979323846, degree = pi / 180;
 
-/// A pixel that may be eye.
+/// Pixel that may show the eye.
 struct Seen {
     Vec3<double> direction; ///< unit, from the eyeball's centre, head frame
     double brightness;
-    double redness;  ///< red less blue: skin has more of it than sclera and iris
-    Vec2<double> at; ///< from the picture of the eyeball's centre [radii]
-    double width;    ///< of the pixel on the eyeball [rad]
-    double weight;   ///< how surely it is eye, 0 to 1
-    /// Probability that it is eye before its colour is known, and density of its colour if it is
-    /// none; for the mixture alone.
+    double redness;  ///< red minus blue: larger for skin than for sclera and iris
+    Vec2<double> at; ///< offset from the picture of the eyeball's centre [radii]
+    double width;    ///< width of the pixel on the eyeball [rad]
+    double weight;   ///< probability that it is eye, 0 to 1
+    /// For the mixture alone: probability of eye before its colour is known, and density of its
+    /// colour if it is something else.
     double prior = 1, other = 0;
 };
 
-/// f(x, y, pixel) for each usable pixel of an eye.
+/// Calls f(x, y, pixel) for each usable pixel of an eye.
 template <class F>
 void for_usable(const Columns<float>& eye, int width, const F& f) {
     const int height = static_cast<int>(eye.cols()) / width;
@@ -43,7 +43,7 @@ void for_usable(const Columns<float>& eye, int width, const F& f) {
         }
 }
 
-/// The sphere of the iris' rim, as one camera sees it.
+/// Sphere of the iris' rim, as one camera sees it.
 struct RimSphere {
     const Pinhole<double>& camera;
     const EyeballGeometry& ball;
@@ -54,7 +54,7 @@ struct RimSphere {
                                                      ball.limbus_radius * ball.limbus_radius));
     double radius = std::hypot(plane, ball.limbus_radius);
     double rim = std::atan2(ball.limbus_radius, plane); ///< angle of the rim from the gaze [rad]
-    double pixels = camera.fx * radius / (ball.centre - from).norm(); ///< its radius [px]
+    double pixels = camera.fx * radius / (ball.centre - from).norm(); ///< radius of the sphere [px]
     Vec2<double> middle = camera.project_point(ball.centre).head<2>();
 
     double from_middle(int x, int y) const {
@@ -70,9 +70,9 @@ struct RimSphere {
         const double half2 = radius * radius - miss.squaredNorm();
         const Vec3<double> hit =
             normalized(Vec3<double>(miss - std::sqrt(std::max(half2, 0.0)) * ray));
-        constexpr double least_slant = 0.35; // a pixel at the sphere's edge would be endless
+        constexpr double least_slant = 0.35; // keeps pixels at the sphere's edge finite
         const double slant = std::max(least_slant, -hit.dot(ray));
-        // Skin and sclera reflect red, the iris its own colour: red tells it apart from both best.
+        // Skin and sclera reflect red, the iris its own colour: red separates it best from both.
         return {ball.head_rotation.transpose() * hit,
                 0.8 * rgb.x() + 0.2 * rgb.y(),
                 rgb.x() - rgb.z(),
@@ -86,7 +86,7 @@ Vec3<double> colour(const Image<float>& image, int x, int y) {
     return image.at(x, y).head(3).cast<double>();
 }
 
-/// Pixels of an exact area.
+/// Returns the usable pixels of an exact area.
 std::vector<Seen> usable_pixels(const Image<float>& image, const Columns<float>& eye,
                                 const RimSphere& sphere) {
     std::vector<Seen> all;
@@ -96,7 +96,8 @@ std::vector<Seen> usable_pixels(const Image<float>& image, const Columns<float>&
     return all;
 }
 
-/// Distance of each pixel from the nearest of an area, by steps of 1 and sqrt(2) [px].
+/// Returns the distance of each pixel from the nearest one of an area, in steps of 1 and sqrt(2)
+/// [px].
 std::vector<float> distances(const Image<float>& image, const std::vector<bool>& area) {
     const int w = image.width, h = image.height;
     constexpr float far = 1e9f, across = 1.41421356f;
@@ -121,7 +122,7 @@ std::vector<float> distances(const Image<float>& image, const std::vector<bool>&
     return d;
 }
 
-/// A normal distribution of brightness and redness.
+/// Normal distribution of brightness and redness.
 struct Skin {
     Vec2<double> mean, spread;
     double density(const Seen& s) const {
@@ -130,7 +131,8 @@ struct Skin {
     }
 };
 
-/// Medians and median deviations: a part of them may be something else.
+/// Returns medians and median deviations of the surrounding pixels, some of which may be something
+/// else.
 std::optional<Skin> skin_of(const std::vector<Seen>& around) {
     constexpr std::size_t fewest = 12;
     if (around.size() < fewest) return std::nullopt;
@@ -146,7 +148,7 @@ std::optional<Skin> skin_of(const std::vector<Seen>& around) {
     return skin;
 }
 
-/// Pixels that may be eye, weighted, where the area's rim is off by up to `error` radii.
+/// Returns the pixels that may be eye, weighted, if the area's rim is off by up to `error` radii.
 std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>& eye,
                                 const RimSphere& sphere, double error) {
     std::vector<bool> inside(static_cast<std::size_t>(image.size())), outside(inside.size());
@@ -166,8 +168,8 @@ std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>&
             const double beside = to_area[p], away = sphere.from_middle(x, y);
             const Vec3<double> rgb = colour(image, x, y);
             if (beside <= margin && away <= 0.98) {
-                // From 0.1 a margin outside the rim to 0.6 a margin inside it; to 0.9 where a share
-                // of the pixels may be something else.
+                // From 0.1 at a margin outside the rim to 0.6 at a margin inside it; to 0.9 for the
+                // mixture, where a share of the pixels may be something else.
                 const double depth = inside[p] ? to_rest[p] - 0.5 : 0.5 - beside;
                 const double t = std::clamp(0.5 * (depth / margin + 1), 0.0, 1.0);
                 all.push_back(sphere.seen(x, y, rgb, 0.1 + 0.5 * t));
@@ -179,8 +181,8 @@ std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>&
         }
     const std::optional<Skin> skin = skin_of(around);
     for (Seen& s : all) {
-        // Densities over brightness and redness: of eye, any; of what is not, skin or lashes, and
-        // in the mixture lids and corners of every colour.
+        // Densities over brightness and redness: constant for the eye; skin or lashes for the rest,
+        // and in the mixture also lids and corners of every colour.
         constexpr double any = 2, lashes = 0.3, lids = 2;
         const double like_skin = skin ? skin->density(s) : 0;
         s.other = like_skin + lids;
@@ -190,18 +192,18 @@ std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>&
     return all;
 }
 
-/// Remainder of the brightness when a disc is fitted around one gaze.
+/// Error of the brightness after the fit of a disc around one gaze.
 struct Fit {
     double pitch = 0, yaw = 0;
-    /// Of a dark disc: the weighted sum of squares, or the mixture's -log likelihood.
+    /// Error of a dark disc: the weighted sum of squares, or the mixture's -log likelihood.
     double error = unfit;
-    double bright = unfit; ///< the same, of a disc that is brighter than the sclera
+    double bright = unfit; ///< error of a disc brighter than the sclera
     static constexpr double unfit = 1e30;
     bool fits() const { return error < unfit; }
 };
 
-/// The fit of brightness = sclera + (iris - sclera) disc + (pupil - iris) inner disc + light . at.
-/// Memberships are soft over the width of a pixel so that the error is smooth in the gaze.
+/// Fit of brightness = sclera + (iris - sclera) disc + (pupil - iris) inner disc + light . at.
+/// Memberships are soft over the width of a pixel, so that the error is smooth in the gaze.
 class DiscFit {
   public:
     DiscFit(const std::vector<Seen>& seen, const RimSphere& sphere)
@@ -240,7 +242,7 @@ class DiscFit {
     double pixels() const { return normal_(0, 0); }
     double without_disc() const { return without_; }
 
-    /// Least squares, weighted by how surely a pixel is eye.
+    /// Returns the least-squares fit at a gaze, weighted by the probability that a pixel is eye.
     Fit at(double pitch, double yaw) const {
         const Vec3<double> g = gaze_vector(pitch, yaw);
         Fit fit{pitch, yaw};
@@ -265,9 +267,10 @@ class DiscFit {
         return fit;
     }
 
-    /// -log likelihood where each pixel is either eye, as bright as the disc says but for a normal
-    /// error, or something else. What the disc does not explain counts as something else, so that
-    /// lids and their corners, which no ring of skin resembles, do not pull it.
+    /// Returns the fit at a gaze as a -log likelihood: each pixel is either eye, with the disc's
+    /// brightness and a normal error, or something else. Pixels that the disc does not explain
+    /// count as something else, so that lids and their corners, which no ring of skin resembles, do
+    /// not attract it.
     Fit mixture(double pitch, double yaw) const {
         constexpr double spread = 0.12;     // of brightness around the levels
         constexpr double any_redness = 1.5; // density of an eye's redness
@@ -280,7 +283,7 @@ class DiscFit {
             const Cover c = cover(seen_[i], g);
             rows(static_cast<Index>(i), 1) = c.disc, rows(static_cast<Index>(i), 4) = c.inner;
         }
-        VecX<double> share = shares_; // of each pixel, how surely it is eye
+        VecX<double> share = shares_; // probability of eye, per pixel
         double cost = 0;
         for (int round = 0; round < rounds; ++round) {
             const Rows weighted = rows.array().colwise() * share.array();
@@ -302,16 +305,17 @@ class DiscFit {
     using Normal = Mat<double, 5, 5>;
     using Row = Vec<double, 5>;
     using Rows = Eigen::Matrix<double, Eigen::Dynamic, 5>;
-    static constexpr double least_forward = 0.62; ///< no eye turns farther in the head: 52 degrees
-    /// Light that changes by 0.1 a radius costs what 0.03 of noise in a pixel does.
+    static constexpr double least_forward = 0.62; ///< cosine of 52 degrees, an eye's limit
+    /// Penalty of uneven light: a change of 0.1 per radius costs as much as noise of 0.03 in a
+    /// pixel.
     static constexpr double even_light = 0.09;
 
-    /// Shares of a pixel that the disc and its inner disc cover.
+    /// Shares of a pixel covered by the disc and its inner disc.
     struct Cover {
         double disc = 0, inner = 0;
     };
     Cover cover(const Seen& s, const Vec3<double>& g) const {
-        // Beyond the rim and half a pixel of the widest nothing is disc.
+        // The disc ends at the rim plus half the widest pixel.
         const double reach = rim_ + 0.25, along = s.direction.dot(g);
         if (along < 1 - reach * reach / 2) return {};
         const double away = std::sqrt(std::max(0.0, 2 - 2 * along));
@@ -322,18 +326,18 @@ class DiscFit {
     /// Brightness of sclera, disc and inner disc, and the light.
     struct Levels {
         Row of = Row::Zero();
-        bool seen = false; ///< enough of disc and sclera
-        double sclera = 0; ///< as bright as it would be in the disc's place, in this light
-        double darker = 0; ///< the mean of the disc below that
+        bool seen = false; ///< true if enough of disc and sclera is seen
+        double sclera = 0; ///< brightness it would have in the disc's place, in this light
+        double darker = 0; ///< mean of the disc below that
     };
-    /// From the lower half of the normal equations.
+    /// Returns the solution, from the lower half of the normal equations.
     Levels levels(Normal a, const Row& b) const {
         Levels l;
         const double disc = a(1, 0), inner = a(4, 0);
         const Vec2<double> middle = Vec2<double>(a(2, 1), a(3, 1)) / std::max(disc, 1e-12);
         l.seen = disc >= least_disc_ && a(0, 0) - disc >= 1;
         if (!l.seen) return l;
-        constexpr double tiny = 1e-3; // a pupil that is not seen
+        constexpr double tiny = 1e-3; // for a pupil that is not seen
         a(1, 1) += tiny, a(4, 4) += tiny;
         a(2, 2) += even_light, a(3, 3) += even_light;
         const Normal whole = a.selfadjointView<Eigen::Lower>();
@@ -355,7 +359,7 @@ class DiscFit {
 
     const std::vector<Seen>& seen_;
     double rim_, pupil_; ///< chords of the unit sphere
-    double least_disc_;  ///< [px]: a fiftieth of the whole
+    double least_disc_;  ///< a fiftieth of the whole disc [px]
     Rows without_disc_rows_;
     VecX<double> brightness_, shares_, priors_;
     VecX<double> others_; ///< (1 - prior) times the density of something else
@@ -364,7 +368,7 @@ class DiscFit {
     double squares_ = 0, without_ = 0;
 };
 
-/// Least error around a gaze, by ever smaller steps.
+/// Returns the smallest error around a gaze, found with decreasing steps.
 template <class At>
 Fit refined(const At& at, Fit best) {
     double step = 1.6 * degree;
@@ -380,8 +384,8 @@ Fit refined(const At& at, Fit best) {
 }
 
 struct CoarseFits {
-    std::vector<Fit> least;     ///< least errors of a grid of gazes, none beside a lesser one
-    double bright = Fit::unfit; ///< the least of a bright disc
+    std::vector<Fit> least;     ///< local minima of the error on a grid of gazes
+    double bright = Fit::unfit; ///< smallest error of a bright disc
 };
 template <class At>
 CoarseFits coarse_fits(const At& fit_at) {
@@ -413,7 +417,7 @@ CoarseFits coarse_fits(const At& fit_at) {
 } // namespace
 
 double least_contrast(double pixels) {
-    constexpr double noise = 10; // what a search of noise explains, in pixels' worth of variance
+    constexpr double noise = 10; // explained by a search of noise, in pixels' worth of variance
     return std::min(min_contrast, noise / (noise + pixels));
 }
 
@@ -433,7 +437,7 @@ std::optional<GazeEstimate> estimate_gaze(const Image<float>& image, const Colum
     const int count = static_cast<int>(seen.size());
     if (exact && count < min_eye_pixels) return std::nullopt;
     const DiscFit disc(seen, sphere);
-    constexpr double least_pixels = 10; // whole ones, of weighted
+    constexpr double least_pixels = 10; // sum of weights
     if (disc.pixels() < least_pixels || disc.without_disc() < 1e-8 * disc.pixels())
         return std::nullopt;
     const auto squares = [&](double pitch, double yaw) { return disc.at(pitch, yaw); };
@@ -461,7 +465,8 @@ std::optional<GazeEstimate> estimate_gaze(const Image<float>& image, const Colum
     };
     const Fit best = least(squares, coarse);
     if (!exact) {
-        // A disc that explains much less than another is a mixture that calls the iris no eye.
+        // A disc that explains much less than another comes from a mixture that takes the iris for
+        // something else.
         constexpr double share = 0.5;
         const Fit likeliest = least(mixture, coarse_fits(mixture));
         const Fit there = disc.at(likeliest.pitch, likeliest.yaw);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/labels.hpp: how far a capture's labels are off, by what they say about each other and
-/// by the irises in its pictures; and their correction before a training. Training frames alone:
-/// others keep their labels. Labels that are right to within the bounds stay as they are, bit for
-/// bit. Source: rye/train/label_consistency.hpp; docs/labels.md.
+/// training/labels.hpp: errors of a capture's labels, found from the labels of all frames and from
+/// the irises in its pictures, and their correction before a training. Only training frames are
+/// changed. Labels that are right to within the bounds keep their bits. Source:
+/// rye/train/label_consistency.hpp; docs/refine.md.
 #pragma once
 
 #include <string>
@@ -15,35 +15,35 @@
 
 namespace rye::trainer {
 
-/// What was found about one kind of label, and what was done.
+/// Finding about one kind of label.
 struct LabelFinding {
     std::string label;  ///< "head poses"
-    double off = 0;     ///< root mean square, in `unit`
-    double bound = 0;   ///< up to which it stays
+    double off = 0;     ///< root mean square error, in `unit`
+    double bound = 0;   ///< largest error that is not corrected
     std::string unit;   ///< "deg" or "mm"
-    bool wrong = false; ///< above the bound: corrected where correction was asked for
-    std::string remedy; ///< what corrects it
+    bool wrong = false; ///< true above the bound: corrected if correction was asked for
+    std::string remedy; ///< the correction
 };
 
-/// What was found about all.
+/// Findings about all labels.
 struct LabelFindings {
     std::vector<LabelFinding> all;
-    std::vector<std::string> not_judged; ///< sentences: which label, and why
-    std::vector<std::pair<std::string, double>> worst; ///< frames, the worst first [deg of gaze]
-    bool poses = false, gazes = false; ///< whether they were corrected
+    std::vector<std::string> not_judged; ///< sentences: the label, and the reason
+    std::vector<std::pair<std::string, double>> worst; ///< worst frames first [deg of gaze]
+    bool poses = false, gazes = false; ///< true if corrected
 
     bool empty() const { return all.empty() && not_judged.empty(); }
     std::vector<std::string> lines() const;
     nlohmann::ordered_json json() const;
 };
 
-/// Judges the labels of the training frames of a capture that has gazes, and corrects them in it.
+/// Judges the labels of the training frames of a capture with gazes, and corrects wrong ones in it.
 /// Deterministic: the same capture gives the same bits.
 LabelFindings correct_labels(Capture& capture, const TrainConfig& config);
 
-/// Lets stage 2 go on with what was corrected: gazes, beside a kappa, and head poses of each frame
-/// become parameters, unless the configuration has delta_gaze or centre_corrections already. Where
-/// nothing was corrected, nothing changes. Returns a sentence, or an empty text.
+/// Lets stage 2 refine the corrected labels further: gazes (with a kappa) and head poses of each
+/// frame become parameters, unless the configuration has delta_gaze or centre_corrections already.
+/// Changes nothing if nothing was corrected. Returns a sentence, or an empty text.
 std::string refine_further(const LabelFindings& findings, TrainConfig& config);
 
 } // namespace rye::trainer

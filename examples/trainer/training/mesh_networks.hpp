@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/mesh_networks.hpp: the networks of stage 1 on a device, without CUDA's types: a unit of
-/// nvcc has the kernels, all else of a step is compiled with the rest of the program.
-/// Types of Eigen cross between units of two compilers: their alignment is in the symbol's name, so
-/// that units that differ in it do not link.
+/// nvcc has the kernels, the rest of a step is compiled with the program. Types of Eigen are passed
+/// between units of two compilers: their alignment is part of the symbol's name, so that units that
+/// differ in it do not link.
 #pragma once
 
 #include <memory>
@@ -30,14 +30,14 @@ class MeshNetworks {
     virtual void count_host_vjp() = 0;
 };
 
-/// The program's threads, with networks on a device.
+/// Backend on the program's threads, with networks on a device.
 using MeshBackend = OffloadBackend<TrainBackend, MeshNetworks>;
 
-/// Two planes of bf16 a float: with one the surface would be off by hundredths of a cell
+/// Tiles with two bf16 planes per float: with one the surface would be off by hundredths of a cell
 /// (docs/cuda.md).
 using MeshTiles = MlpTiles<2, 256, 128>;
 
-/// Networks on a Device, whose memory and staging are owned.
+/// Networks on a Device, with their memory and staging.
 template <class Device, DeviceMemory Memory, DeviceMemory Staging>
 class MeshNetworksOn : public MeshNetworks {
   public:
@@ -70,8 +70,8 @@ class MeshNetworksOn : public MeshNetworks {
     NetworkOffload<Device, MeshTiles> networks_;
 };
 
-/// Networks on the device that is current; null: the host's are to be used. Error where there is
-/// no device, and in a build without kernels.
+/// Returns networks on the current device, or null if the host's are to be used. Throws an Error
+/// without a device, and in a build without kernels.
 template <int alignment = EIGEN_MAX_ALIGN_BYTES>
 std::unique_ptr<MeshNetworks> mesh_networks();
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/mesh_steps.hpp: the steps of stage 1 by any backend. steps.cpp has them by the host's,
-/// device_mesh_steps.cpp by one whose networks are on a device.
+/// training/mesh_steps.hpp: the steps of stage 1 on any backend: the host's in steps.cpp, one with
+/// networks on a device in device_mesh_steps.cpp.
 #pragma once
 
 #include <rye/train/initialize.hpp>
@@ -13,7 +13,7 @@ namespace rye::trainer {
 
 inline Random seed_of(const TrainState& state) { return {state.config.seed, 0}; }
 
-/// Memory that steps share.
+/// Memory shared by steps.
 struct MeshMemory {
     Mesh grad;
     MeshTrace<float> trace;

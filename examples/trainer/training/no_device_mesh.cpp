@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A build without kernels for a device.
+// Functions of training/mesh_networks.hpp in a build without kernels (RYE_CUDA=OFF).
 #include "training/mesh_networks.hpp"
 
 namespace rye::trainer {

@@ -7,7 +7,7 @@
 namespace rye::trainer {
 namespace {
 
-/// The range of one more set of drivers.
+/// Extends the ranges by one more set of drivers.
 void extend(DriverRanges<float>& r, const Drivers<float>& d) {
     r.expression_low = r.expression_low.cwiseMin(d.expression).eval();
     r.expression_high = r.expression_high.cwiseMax(d.expression).eval();
@@ -32,7 +32,7 @@ PlayableAvatar<float> playable_avatar(const TrainState& state, const Capture& ca
     p.config = state.config.avatar;
     p.roles = state.subject.roles;
     p.avatar = state.avatar;
-    if (axis == GazeAxis::optical) p.avatar.eyes.kappa = {}; // angles of 0
+    if (axis == GazeAxis::optical) p.avatar.eyes.kappa = {}; // its angles are 0
     p.expression_names = capture.expression_names;
     p.neutral = frame_drivers(capture, frame, axis);
     p.ranges.expression_low = p.ranges.expression_high = p.neutral.expression;

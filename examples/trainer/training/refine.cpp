@@ -18,7 +18,7 @@ using Json = nlohmann::ordered_json;
 using Refiner = LabelRefiner<TrainBackend, float, TrainedEffects>;
 constexpr double degrees = 57.29577951308232;
 
-/// The mask, and the pixels up to `reach` beside it.
+/// Returns the mask widened by `reach` pixels.
 Columns<float> widened(const Image<float>& mask, int reach) {
     Columns<float> out(1, mask.size());
     for (int y = 0; y < mask.height; ++y)
@@ -32,7 +32,8 @@ Columns<float> widened(const Image<float>& mask, int reach) {
     return out;
 }
 
-/// A photograph, averaged over blocks, on white; what counts is the head and the pixels beside it.
+/// Returns a photograph, averaged over blocks, on white, with weights for the head and the pixels
+/// beside it.
 LabelView<float> label_view(const Capture& capture, int frame, int camera, int block) {
     constexpr int beside = 2; // [px]
     LabelView<float> v;
@@ -47,7 +48,7 @@ LabelView<float> label_view(const Capture& capture, int frame, int camera, int b
     return v;
 }
 
-/// Marks frames whose residual is above the median by three deviations and a quarter.
+/// Marks frames whose residual exceeds the median by three deviations and by a quarter of it.
 void mark_outliers(std::vector<RefinedFrame>& frames) {
     std::vector<double> residuals, apart;
     for (const RefinedFrame& f : frames) residuals.push_back(f.found.residual);
@@ -57,8 +58,8 @@ void mark_outliers(std::vector<RefinedFrame>& frames) {
     for (RefinedFrame& f : frames) f.outlier = f.found.residual > middle + far;
 }
 
-/// Takes the mean change off the frames: of gazes it is the avatar's kappa, of poses the head's
-/// frame. Outliers have no part in it. Of a single frame it would be all.
+/// Subtracts the mean change from the frames: the mean of gazes belongs to the avatar's kappa, that
+/// of poses to the head's frame. Ignores outliers. For a single frame the mean would be all of it.
 VecX<double> take_mean(RefinedCapture& refined, const RefineOptions& options) {
     const LabelUnknowns& u = refined.unknowns;
     VecX<double> mean = VecX<double>::Zero(u.count());
@@ -80,7 +81,7 @@ Json numbers(const VecX<double>& v, double unit) {
     return list;
 }
 
-/// The parts of a vector of unknowns, by name and in the units of people.
+/// Returns the parts of a vector of unknowns, by name and in readable units.
 Json parts_of(const LabelUnknowns& u, const VecX<double>& v) {
     Json parts = Json::object();
     if (u.gaze) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/refine.hpp: labels of a capture's frames by their photographs and a trained avatar
-/// (rye/train/refine_labels.hpp).
+/// training/refine.hpp: refinement of the labels of a capture's frames by their photographs and a
+/// trained avatar (rye/train/refine_labels.hpp).
 #pragma once
 
 #include <functional>
@@ -17,52 +17,52 @@
 
 namespace rye::trainer {
 
-/// Which coefficients of the expression are refined.
+/// Coefficients of the expression that are refined.
 enum class RefinedExpression { none, active, all };
 
 struct RefineOptions {
-    LabelUnknowns unknowns;   ///< but their expressions
+    LabelUnknowns unknowns;   ///< without their expressions
     RefinedExpression expression = RefinedExpression::active;
     RefineSettings settings;
-    int size = 256;           ///< largest side of the pictures that are compared [px]
-    bool keep_gaze_mean = false; ///< the mean change of the gazes stays
-    bool keep_pose_mean = false; ///< ... and that of the head poses
+    int size = 256;           ///< largest side of the compared pictures [px]
+    bool keep_gaze_mean = false; ///< true: keeps the mean change of the gazes
+    bool keep_pose_mean = false; ///< true: keeps the mean change of the head poses
 };
 
-/// A frame and what was found of it.
+/// Result of a frame.
 struct RefinedFrame {
     int frame = 0;       ///< of the capture
-    int views = 0;       ///< cameras that saw it
-    RefinedLabels found; ///< its change is the one that is written, less the means
-    bool outlier = false; ///< its residual is far from those of the other frames
+    int views = 0;       ///< cameras that saw the frame
+    RefinedLabels found; ///< its change is the one written, without the means
+    bool outlier = false; ///< true if its residual is far from the other frames'
 };
 
-/// What was found of all frames.
+/// Result of all frames.
 struct RefinedCapture {
     LabelUnknowns unknowns;
     std::vector<RefinedFrame> frames;
-    VecX<double> mean;  ///< change that was taken off every frame; 0 where it is kept
-    int block = 1;      ///< pixels of a photograph a pixel that is compared, squared
+    VecX<double> mean;  ///< change subtracted from every frame; 0 for parts that keep it
+    int block = 1;      ///< side of the block of a photograph's pixels that are compared as one
 };
 
-/// The avatar of a run that is drawn (run.hpp), by the gazes that its labels have. Throws Error for
-/// a run by another gaze mechanism than rotation.
+/// Returns the avatar of a drawn run (run.hpp), with the labels' kind of gazes. Throws an Error for
+/// a run with another gaze mechanism than rotation.
 PlayableAvatar<float> refined_avatar(const TrainState& drawn, const Capture& capture);
 
-/// Coefficients that differ between frames of the capture, all, or none.
+/// Returns the coefficients that differ between frames of the capture, all, or none.
 std::vector<Index> refined_coefficients(const Capture& capture, RefinedExpression which);
 
-/// Refines these frames; `told` is called after each. Throws Error naming the frame that cannot be
-/// refined.
+/// Refines these frames; calls `told` after each. Throws an Error that names the frame that cannot
+/// be refined.
 RefinedCapture refine_capture(const PlayableAvatar<float>& avatar, GazeAxis axis,
                               const Capture& capture, const std::vector<int>& frames,
                               const RefineOptions& options,
                               const std::function<void(const RefinedFrame&)>& told = {});
 
-/// The changes of the labels.
+/// Returns the changes of the labels.
 std::vector<LabelChange> label_changes(const RefinedCapture& refined, const Capture& capture);
 
-/// The fields of refine.json: docs/refine.md.
+/// Returns the fields of refine.json: docs/refine.md.
 nlohmann::ordered_json refine_record(const RefinedCapture& refined, const Capture& capture,
                                      const RefineOptions& options);
 

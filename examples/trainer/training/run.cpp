@@ -19,7 +19,7 @@ constexpr const char* format_name = "rye-checkpoint";
 constexpr const char* format_version = "1";
 constexpr Index most_steps = 1'000'000'000;       // as in the configuration
 constexpr Index most_expressions = 1'000'000;
-constexpr Index sparse_landmarks = 66;            // eyes and lips are found among these
+constexpr Index sparse_landmarks = 66;            // eyes and lips are among these
 
 using Json = nlohmann::ordered_json;
 
@@ -35,7 +35,7 @@ std::vector<Index> as_list(const Columns<double>& c) {
     return list;
 }
 
-/// The subject as arrays, in one place for both directions.
+/// Arrays of the subject, for writing and reading alike.
 struct SubjectArrays {
     Columns<double> expression, eye0, eye1, neutral, head_centre, eye_centre, eye_sizes;
 
@@ -90,13 +90,13 @@ void require_finite(const std::string& who, const std::string& name, const auto&
     const auto sound = [&](Index i) { return std::isfinite(a(i)) && !(also_positive && a(i) < 0); };
     Index i = 0;
     while (i < a.size() && sound(i)) ++i;
-    if (i == a.size()) return; // words cost more than the look
+    if (i == a.size()) return; // building the message costs more than the check
     throw Error(who + ": tensor '" + name + "': value " + std::to_string(i) + " is " +
                 std::to_string(a(i)) + ", expected " +
                 (also_positive ? "a finite number, 0 or more" : "a finite number"));
 }
 
-/// Of parameters and of what the optimiser keeps of them.
+/// Throws an Error for parameters or moments of the optimiser that are not finite.
 template <class P>
 void require_finite(const std::string& who, const std::string& prefix, const P& p,
                     const Adam<P>* adam, const std::string& adam_prefix) {
@@ -112,7 +112,7 @@ void require_finite(const std::string& who, const std::string& prefix, const P& 
     }, adam->m, adam->v);
 }
 
-/// Error unless every number of the state is finite; `who` begins the message.
+/// Throws an Error, which begins with `who`, unless every number of the state is finite.
 void require_finite(const TrainState& state, const std::string& who) {
     const bool mesh = state.stage == Stage::mesh;
     require_finite(who, "mesh", state.mesh, mesh ? &state.mesh_adam : nullptr, "mesh_adam");
@@ -121,7 +121,8 @@ void require_finite(const TrainState& state, const std::string& who) {
     });
 }
 
-/// Number of parameters of a configuration's networks, in double: sizes may be anything.
+/// Returns the number of parameters of a configuration's networks, in double: sizes may be
+/// arbitrary.
 double network_numbers(const TrainConfig& config, bool with_avatar) {
     const AvatarConfig& c = config.avatar;
     const NetworkConfig& n = c.networks;
@@ -158,7 +159,7 @@ double network_numbers(const TrainConfig& config, bool with_avatar) {
     return sum;
 }
 
-/// The columns of landmarks that a tensor lists: whole numbers below `count`.
+/// Checks the columns of landmarks that a tensor lists: whole numbers below `count`.
 void require_columns_of(const std::string& who, const char* name, const Columns<double>& list,
                         Index count) {
     require(list.rows() == 1 && list.cols() >= 1, who,
@@ -172,7 +173,7 @@ void require_columns_of(const std::string& who, const char* name, const Columns<
                          ", expected a whole number from 0 to " + std::to_string(count - 1));
 }
 
-/// Shapes, then ranges of what load_fields has read.
+/// Checks shapes, then ranges, of the arrays that load_fields has read.
 void check_subject(const std::string& who, const SubjectArrays& a) {
     const Index landmarks = a.neutral.cols();
     require(a.neutral.rows() == 3 && landmarks >= sparse_landmarks, who,
@@ -190,7 +191,7 @@ void check_subject(const std::string& who, const SubjectArrays& a) {
                         who + ": tensor 'subject.eye_sizes'");
 }
 
-/// Checks of the optimiser's counts, which load_fields and load_adam cannot make.
+/// Checks the optimiser's counts, which load_fields and load_adam cannot check.
 template <class P>
 void check_counts(const std::string& who, const std::string& prefix, const P& p,
                   const Adam<P>& adam) {
@@ -208,13 +209,13 @@ void check_counts(const std::string& who, const std::string& prefix, const P& p,
                     ", expected 0 to " + std::to_string(adam.step));
 }
 
-/// The words of a checkpoint's metadata.
+/// Metadata of a checkpoint.
 struct Words {
     const Safetensors& file;
     const std::string& who;
 
     const std::string& operator()(const std::string& key) const { return file.word(key); }
-    /// One of two.
+    /// Returns true for the first of two words; throws an Error for a third.
     bool first(const std::string& key, const std::string& yes, const std::string& no) const {
         const std::string& got = file.word(key);
         require(got == yes || got == no, who,
@@ -233,8 +234,8 @@ struct Words {
     }
 };
 
-/// Error unless the file has numbers enough for the networks that its configuration describes:
-/// nothing is made of sizes that only words claim.
+/// Throws an Error unless the file is large enough for the networks of its configuration: nothing
+/// is allocated by sizes that only the metadata claim.
 void require_networks_in(const Safetensors& file, const TrainConfig& config, Stage stage,
                          const std::string& who) {
     double held = 0;
@@ -246,7 +247,8 @@ void require_networks_in(const Safetensors& file, const TrainConfig& config, Sta
                 " numbers, but all tensors of the file have " + Json(held).dump());
 }
 
-/// Networks have the shapes that the configuration says; clouds have those of the file.
+/// Returns an avatar whose networks have the configuration's shapes, and whose clouds are shaped by
+/// the file.
 Avatar avatar_shape(const TrainState& s) {
     const AvatarConfig& c = s.config.avatar;
     UpsamplerShape shape = s.config.gaussians.upsampler;
@@ -300,7 +302,7 @@ void check_clouds(const std::string& who, const A& avatar, const TrainState& s) 
     }
 }
 
-/// Points of the left eyeball: written where the two differ.
+/// Key of the number of points of the left eyeball, written if the two differ.
 constexpr const char* left_points_key = "left_eye_points";
 
 template <class A>
@@ -324,7 +326,7 @@ void load_avatar(const Safetensors& file, const Words& word, const TrainState& s
     check_counts(word.who, "avatar_adam", avatar, adam);
 }
 
-/// The state in a file; `who` begins the messages.
+/// Returns the state in a file; `who` begins the messages.
 TrainState state_of(const Safetensors& file, const std::string& who) {
     const Words word{file, who};
     require(word("format") == format_name, who,
@@ -345,7 +347,7 @@ TrainState state_of(const Safetensors& file, const std::string& who) {
     if (file.metadata().contains("frames")) s.frames = word("frames");
     s.config.avatar.expression = static_cast<int>(word.number("expression", most_expressions));
 
-    // Shapes of what the rest depends on, then ranges, then finiteness.
+    // First the shapes that others depend on, then ranges, then finiteness.
     require_networks_in(file, s.config, s.stage, who);
     SubjectArrays subject;
     subject.head_centre.setZero(3, 1);
@@ -381,7 +383,7 @@ TrainState state_of(const Safetensors& file, const std::string& who) {
             t.avatar = compared_avatar(avatar, s.config, Columns<float>(3, 0), Random{0, 0});
             load_avatar(file, word, s, t.avatar, t.adam);
         } else {
-            // An angle of 0 changes no bit and is kept with its moments.
+            // Angles of 0 change no bit and are kept with their moments.
             if (file.has("avatar.eyes.kappa")) avatar.eyes.kappa = Columns<float>::Zero(2, 2);
             s.avatar = std::move(avatar);
             load_avatar(file, word, s, s.avatar, s.avatar_adam);
@@ -465,9 +467,9 @@ TrainState drawn_state(const TrainState& state) {
     return s;
 }
 
-Drivers<float> optical_drivers(const TrainState& state, const Drivers<float>& drivers) {
-    return restricted<PaperEffects>(
-        optical_drivers(state.avatar.eyes, restricted<TrainEffects>(drivers)));
+OpticalDrivers<float> optical_drivers(const TrainState& state, const Drivers<float>& drivers) {
+    return OpticalDrivers<float>(restricted<PaperEffects>(
+        optical_drivers(state.avatar.eyes, restricted<TrainEffects>(drivers)).drivers));
 }
 
 } // namespace rye::trainer

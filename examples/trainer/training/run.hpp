@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/run.hpp: the folder of a training run: its checkpoint, its log, its panels.
-/// A checkpoint holds parameters, optimiser state, step and configuration; it is replaced whole or
-/// not at all. Nothing in it depends on the clock, the number of threads or the run's own path.
+/// training/run.hpp: the state of a training run and its checkpoint. A checkpoint holds parameters,
+/// optimiser state, step and configuration; it is replaced whole or not at all. Nothing in it
+/// depends on the clock, the number of threads or the run's own path.
 #pragma once
 
 #include <filesystem>
@@ -19,7 +19,7 @@ namespace rye::trainer {
 
 enum class Stage { mesh, avatar };
 
-/// Everything that the next step depends on.
+/// State that the next step depends on.
 struct TrainState {
     Stage stage = Stage::mesh;
     Index step = 0;          ///< steps done in this stage
@@ -32,8 +32,8 @@ struct TrainState {
     Adam<Mesh> mesh_adam;
     Avatar avatar;           ///< empty in stage 1
     Adam<Avatar> avatar_adam;
-    /// Of a run by another gaze mechanism than rotation instead of these two. Where it is only
-    /// drawn, without what the optimiser keeps, and `avatar` is all of it but the mechanism.
+    /// Used instead of these two by a run with another gaze mechanism than rotation. In a drawn
+    /// state it has no optimiser's moments, and `avatar` is all of it except the mechanism.
     std::optional<ComparedTraining> compared;
 };
 
@@ -41,18 +41,19 @@ inline std::filesystem::path checkpoint_path(const std::filesystem::path& run) {
     return run / "checkpoint.safetensors";
 }
 
-/// Error, before anything is written, if a number of the state is not finite: such a checkpoint
-/// could not be read again.
+/// Replaces the checkpoint. Throws an Error, before anything is written, if a number of the state
+/// is not finite: such a checkpoint could not be read again.
 void save_checkpoint(const std::filesystem::path& run, const TrainState& state);
 
-/// Error naming file and field for anything missing, of another version or shape, out of range or
-/// not finite. No more memory is taken than a few times what the file holds.
+/// Returns the checkpoint of a run. Throws an Error that names file and field for anything missing,
+/// of another version or shape, out of range or not finite. Allocates no more than a few times the
+/// size of the file.
 TrainState load_checkpoint(const std::filesystem::path& run);
-/// As load_checkpoint, from the bytes of a checkpoint; `who` begins the messages.
+/// Returns the checkpoint in these bytes, as load_checkpoint; `who` begins the messages.
 TrainState parse_checkpoint(ByteSpan bytes, const std::string& who);
 
-/// A run whose second stage has taken a step, to be drawn; Error naming the command that goes on
-/// with it otherwise.
+/// Returns a run whose second stage has taken a step, to be drawn; otherwise throws an Error that
+/// names the command that continues it.
 TrainState load_trained(const std::filesystem::path& run);
 
 /// Returns a state that draws the same pictures but cannot be trained: without the mesh and the
@@ -60,6 +61,6 @@ TrainState load_trained(const std::filesystem::path& run);
 TrainState drawn_state(const TrainState& state);
 
 /// Returns the drivers, whose gazes are of the run's gaze_axis, with optical axes in their place.
-Drivers<float> optical_drivers(const TrainState& state, const Drivers<float>& drivers);
+OpticalDrivers<float> optical_drivers(const TrainState& state, const Drivers<float>& drivers);
 
 } // namespace rye::trainer

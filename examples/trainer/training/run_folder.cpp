@@ -17,6 +17,7 @@
 #include <rye/capture/atomic_file.hpp>
 
 #include "data/checksums.hpp"
+#include "data/corrected_cameras.hpp"
 #include "data/picture.hpp"
 #include "data/run_frames.hpp"
 
@@ -40,12 +41,13 @@ void make_run_folder(const fs::path& folder) {
 std::string kept_log(const fs::path& log, const TrainState& state, int& damaged) {
     std::ifstream file(log, std::ios::binary);
     const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
-    // Of an older program no line has one, and each is given its own; else one without is damaged.
+    // Logs of an older program have no checksums, and each line gets one; otherwise a line without
+    // one is damaged.
     const bool checked = text.find("\"checksum\":") != std::string::npos;
     std::istringstream old(text);
     std::string kept;
     for (std::string line; std::getline(old, line);) {
-        const bool complete = !old.eof();  // its end was read
+        const bool complete = !old.eof();  // its line end was read
         auto json = nlohmann::json::parse(line, nullptr, false);
         const Checked sum = take_checksum(json);
         const auto is = [&](const char* key, auto type) {
@@ -54,11 +56,11 @@ std::string kept_log(const fs::path& log, const TrainState& state, int& damaged)
         if (!json.is_object() || sum == Checked::wrong || (checked && sum == Checked::none) ||
             !is("stage", &nlohmann::json::is_string) ||
             !is("step", &nlohmann::json::is_number_integer)) {
-            // A line whose end a killed run did not write has no whole checksum.
+            // A line that a killed run left unfinished has no whole checksum.
             if (complete || line.find("\"checksum\":") != std::string::npos) ++damaged;
             continue;
         }
-        // The fit after the last step of stage 1 is done again by a run that is still in it.
+        // A run still in stage 1 repeats the fit after its last step.
         if (state.stage == Stage::mesh && json.contains("landmark_rms")) continue;
         const bool mesh = json.at("stage") == "mesh";
         const bool before = json.at("stage") == "labels" || (mesh && state.stage == Stage::avatar) ||
@@ -77,7 +79,7 @@ RunFolder::RunFolder(fs::path folder, const TrainState& state, Beginning beginni
       replacing_(beginning == Beginning::replacing) {
     make_run_folder(folder_);
     make_run_folder(folder_ / "panels");
-    AtomicFile(checkpoint_path(folder_)).write(bytes_of("trial"));  // gone again without a commit
+    AtomicFile(checkpoint_path(folder_)).write(bytes_of("trial"));  // removed without a commit
     if (replacing_) return;
     std::string lines;
     if (beginning == Beginning::resumed) {
@@ -103,7 +105,9 @@ void RunFolder::write_inputs(const TrainState& state) const {
     if (capture_ != nullptr)
         save_frames(folder_, *capture_);
     else
-        fs::remove(frames_path(folder_), ignored); // of a run that was here
+        fs::remove(frames_path(folder_), ignored); // of an earlier run
+    save_corrected_cameras(
+        folder_, capture_ != nullptr ? capture_->corrected_cameras : std::vector<CorrectedCamera>());
 }
 
 void RunFolder::open_log(const std::string& lines) {
@@ -117,7 +121,7 @@ void RunFolder::warn(bool& told, const std::string& sentence) const {
     if (!std::exchange(told, true)) std::cerr << "rye: warning: " << sentence << "\n";
 }
 
-/// All of the text, or nothing of it.
+/// Appends all of the text, or none of it.
 void RunFolder::append(const std::string& text) {
     const ::off_t before = ::lseek(log_, 0, SEEK_END);
     std::size_t done = 0;
@@ -144,7 +148,7 @@ void RunFolder::log_lines(const std::string& text) {
 }
 
 void RunFolder::replace_old_run(const TrainState& state) {
-    // The old log goes first: no line of it may pass for one of the new run.
+    // Removes the old log first: none of its lines may pass for one of the new run.
     std::error_code ignored;
     fs::remove(folder_ / "log.jsonl", ignored);
     std::vector<fs::path> panels;
@@ -168,7 +172,7 @@ void RunFolder::save(const TrainState& state) {
                                    folder_.string() + " --resume`"
                                 : "; there is no checkpoint before it"));
     }
-    if (!replacing_) return; // not written then: log() may read it meanwhile
+    if (!replacing_) return; // no write then: log() may read it meanwhile
     replacing_ = false;
     replace_old_run(state);
 }

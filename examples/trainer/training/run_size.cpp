@@ -16,19 +16,19 @@
 namespace rye::trainer {
 namespace {
 
-/// Vertices of the neutral surface where edges of a lattice are `lattice` long and those of the
-/// surface are halved until they are at most `edge`, a unit of area. A surface cuts 6.75 edges of a
-/// body-centred lattice in an area of lattice^2, in any direction; the other terms are fitted to
-/// refine() on spheres, whose numbers they meet within a tenth.
+/// Returns the number of the neutral surface's vertices per unit of area, if edges of the lattice
+/// have length `lattice` and the surface's are halved until they are at most `edge`. A surface cuts
+/// 6.75 edges of a body-centred lattice in an area of lattice^2, in any direction; the other terms
+/// are fitted to refine() on spheres, within a tenth.
 double vertex_density(double lattice, double edge) {
     const double u = edge / lattice;
     return std::max(6.75, 3.6 / (u * u) + 1.5 / u) / (lattice * lattice);
 }
 
-/// Surface of what stage 1 finds, over that of the sphere of radius 1 that it starts from. Heads
-/// with their necks had 0.95 to 1.4, more where lattice and pictures are finer.
+/// Area of the surface that stage 1 finds, relative to that of its initial sphere of radius 1.
+/// Heads with their necks had 0.95 to 1.4, more with finer lattices and pictures.
 constexpr double head_surface = 1.2;
-constexpr double least_share = 0.75; // of that, so that a run is refused for certain reasons only
+constexpr double least_share = 0.75; // share of it that is certain: a run is refused only then
 
 double sum_of(const std::vector<int>& widths) {
     double sum = 0;
@@ -36,7 +36,7 @@ double sum_of(const std::vector<int>& widths) {
     return sum;
 }
 
-/// Weights between hidden layers, of all networks: their parameters are more.
+/// Returns the number of weights between hidden layers, of all networks: their parameters are more.
 double network_weights(const NetworkConfig& n) {
     double sum = 0;
     for (const std::vector<int>* hidden :
@@ -58,7 +58,7 @@ SurfaceGuess surface_guess(const TrainConfig& config, const Subject& subject) {
     s.landmarks.colwise().normalize();
     s.points.resize(3, samples);
     s.vertices.resize(samples);
-    for (Index i = 0; i < samples; ++i) { // a spiral of points of equal areas
+    for (Index i = 0; i < samples; ++i) { // spiral of points of equal areas
         const double z = 1 - (2 * static_cast<double>(i) + 1) / samples, r = std::sqrt(1 - z * z);
         const double turn = std::numbers::pi * (3 - std::sqrt(5.0)) * static_cast<double>(i);
         const Vec3<double> x(r * std::cos(turn), r * std::sin(turn), z);
@@ -82,7 +82,7 @@ RunSize run_size(const TrainConfig& config, const Subject& subject, int width, i
     const double n = std::max(1.0, std::round(2 * config.grid.half_side / config.grid.cell));
     const double finer = config.grid.subdivide ? 8 : 1;
     s.lattice = finer * (2 * n * n * n + 3 * n * n);
-    // A vertex: place and signed distance; six tetrahedra of it with their corners and edges.
+    // Per vertex: position and signed distance; six tetrahedra with their corners and edges.
     const double lattice_bytes = s.lattice * (4 * 4 + 6 * 10 * 8);
     const double surface = surface_guess(config, subject).vertices.sum();
     const double eyes = 2.0 * g.eyeball.points;
@@ -92,7 +92,7 @@ RunSize run_size(const TrainConfig& config, const Subject& subject, int width, i
     };
     s.gaussians = surface + g.mouth_points + eyes;
     s.most = with_density(surface + g.mouth_points);
-    // A Gaussian: value, gradient and two moments; the hidden layers that its vjp reads.
+    // Per Gaussian: value, gradient and two moments; the hidden layers that its vjp reads.
     const double gaussian_bytes =
         with_density(least_share * surface + g.mouth_points) * 4 *
         (4.0 * (14 + std::min(a.feature, a.channels)) + sum_of(a.networks.pose_color));

@@ -52,7 +52,7 @@ AvatarFacts avatar_facts(const TrainState& state, const std::vector<Drivers<floa
     const auto moves = [&](const Drivers<float>& d) {
         EyeOffsetTrace<float> trace;
         return eye_offset<float>(train_backend(), state.avatar.eyes.offset, config,
-                                 frame_code(config, d), trace);
+                                 frame_code(config, OpticalDrivers<float>(d)), trace);
     };
     if (held_at_first) from = moves(frames.front());
     for (const Drivers<float>& d : frames)

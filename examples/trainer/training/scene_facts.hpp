@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/scene_facts.hpp: what scene_profile.hpp judges, counted of frames that a
-/// trained run is to draw, and of its avatar.
+/// training/scene_facts.hpp: facts for scene_profile.hpp, counted from the frames that a trained
+/// run is to draw and from its avatar.
 #pragma once
 
 #include <vector>
@@ -10,19 +10,20 @@
 
 namespace rye::trainer {
 
-/// A picture to be drawn: its drivers, whose gazes are of the run's gaze_axis, and the camera of the full-size image.
+/// Picture to be drawn: its drivers, whose gazes are of the run's gaze_axis, and the camera of the
+/// full-size image.
 struct DrawnFrame {
     Drivers<float> drivers;
     Pinhole<float> camera;
 };
 
-/// Drivers' needs of an avatar that is held at the first frame: eyes that look the same in all of
-/// them need not turn. Gazes are optical axes. An eye counts as seen where its centre lies in the
-/// picture.
+/// Returns the facts about drivers for an avatar held at the first frame: eyes that look the same
+/// in all frames need not turn. Gazes are optical axes. An eye counts as seen if its centre lies in
+/// the picture.
 DriverFacts driver_facts(const TrainState& state, const std::vector<DrawnFrame>& frames);
 
-/// What the avatar says of frames; centres of eyes move from where they are without its network, or,
-/// if it is held at the first frame, from where they are there.
+/// Returns the facts about the avatar in these frames. Motions of the eyes' centres are relative to
+/// those without its network, or, if it is held at the first frame, to those of that frame.
 AvatarFacts avatar_facts(const TrainState& state, const std::vector<Drivers<float>>& frames,
                          bool held_at_first);
 

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/scene_profile.hpp: which effects a scene calls for, and why. The scene is described by
-/// facts that are counted from its data; what is not known of it is left empty, and then calls for
-/// nothing. Lengths in canonical head units, angles [rad], colours in 0..1.
-/// Leaving out what is not called for changes no colour by more than the bound:
+/// training/scene_profile.hpp: the effects that a scene needs, and the reasons. Facts counted from
+/// its data describe the scene; unknown facts are empty and require nothing. Lengths in canonical
+/// head units, angles [rad], colours in 0..1. Leaving out the other effects changes no colour by
+/// more than the bound:
 ///   spherical harmonics  |sum_m b_m c_m| <= sqrt((2l + 1) / 4 pi) |c| of band l and a channel; a
 ///                        pixel's weights add up to at most 1, and max(0, .) does not stretch
 ///   antialias            a splat thinner than a pixel calls for it; a dilation of d px^2 changes
 ///                        the opacity of one of variance s [px^2] by 2 d / (2.718 s) or less
-///   all others           what they read varies by less than their own bound
+///   all others           their inputs vary by less than their own bound
 #pragma once
 
 #include <algorithm>
@@ -26,7 +26,7 @@
 
 namespace rye::trainer {
 
-/// How far some numbers range, over frames; the widest of several that are added together.
+/// Range of some numbers over frames; the widest of several that are added together.
 struct Spread {
     std::vector<double> low, high;
 
@@ -43,7 +43,7 @@ struct Spread {
             high[k] = std::max(high[k], v);
         }
     }
-    /// Which number ranges widest.
+    /// Returns the index of the number with the widest range.
     std::size_t widest() const {
         std::size_t best = 0;
         for (std::size_t k = 1; k < low.size(); ++k)
@@ -51,7 +51,7 @@ struct Spread {
         return best;
     }
     double width() const { return low.empty() ? 0 : high[widest()] - low[widest()]; }
-    /// The greatest absolute value.
+    /// Returns the largest absolute value.
     double greatest() const {
         double r = 0;
         for (std::size_t k = 0; k < low.size(); ++k)
@@ -60,25 +60,25 @@ struct Spread {
     }
 };
 
-/// What the frames of a capture say of one eye.
+/// Facts about one eye in the frames of a capture.
 struct EyeFacts {
-    double turn = 0;             ///< greatest angle between a gaze and the eye at rest [rad]
-    double iris = 0;             ///< widest in any view that sees it [px]; 0: never seen
-    Index views = 0;             ///< that see it
-    double aside = 0;            ///< greatest angle of such a view off the optical axis [rad]
+    double turn = 0;             ///< largest angle between a gaze and the eye at rest [rad]
+    double iris = 0;             ///< largest width in a view that sees it [px]; 0: never seen
+    Index views = 0;             ///< number that see it
+    double aside = 0;            ///< largest angle of such a view from the optical axis [rad]
 };
 
-/// What the drivers of a capture's frames say.
+/// Facts about the drivers of a capture's frames.
 struct DriverFacts {
     Index frames = 0;
     Spread expression, pose, scale;
-    double identity = 0;         ///< farthest a pose is from none: |pose|, |scale - 1|
+    double identity = 0;         ///< largest change by a pose: |pose|, |scale - 1|
     std::array<EyeFacts, 2> eyes;
     std::array<Spread, 2> gaze;  ///< (pitch, yaw) [rad]
-    /// Where eyes look that do not turn: straight ahead, or as an avatar is held.
+    /// Direction of eyes that do not turn: straight ahead, or as an avatar is held.
     std::array<Vec3<double>, 2> rest{Vec3<double>::UnitZ(), Vec3<double>::UnitZ()};
-    double kappa = 0;            ///< greatest angle that is still to be added to a gaze [rad]
-    int lights = 0;              ///< whose places are known
+    double kappa = 0;            ///< largest angle yet to be added to a gaze [rad]
+    int lights = 0;              ///< number with known positions
 
     void add(const std::vector<double>& code, const Vec<double, 6>& p, double s) {
         ++frames;
@@ -94,40 +94,40 @@ struct DriverFacts {
     }
 };
 
-/// What a trained avatar says.
+/// Facts about a trained avatar.
 struct AvatarFacts {
     Index moved_by_expression = 0, moved_by_pose = 0;  ///< points of the face
     std::array<Index, 2> moved_by_gaze{};
-    double eye_offset = 0;       ///< greatest move of a centre from its rest in any frame [unit]
+    double eye_offset = 0;       ///< largest motion of a centre from its rest in any frame [unit]
     int channels = 3;
-    bool refines = false;        ///< its super-resolution network changes the picture
-    bool corneas = false;        ///< its eyes have irises behind corneas
-    bool shaded = false;         ///< its colours depend on the head's rotation
-    bool driven_eyes = false;    ///< networks give its eyes' features
+    bool refines = false;        ///< true if super-resolution changes the picture
+    bool corneas = false;        ///< true if irises lie behind corneas
+    bool shaded = false;         ///< true if colours depend on the head's rotation
+    bool driven_eyes = false;    ///< true if networks give its eyes' features
 };
 
-/// What drawing says: splats on the screen, and the sizes of pictures.
+/// Facts about a drawing: splats on the screen, and the sizes of pictures.
 struct RenderFacts {
     std::array<double, 2> size{};         ///< of the render [px]
     std::array<double, 2> wanted{};       ///< of the picture [px]
-    Index splats = 0;                     ///< that are seen
-    Index below_a_pixel = 0;              ///< of these, the narrow deviation is below a pixel
-    double narrowest = INFINITY;          ///< deviation [px]
-    double dilation = 0.3;                ///< that would be left out [px^2]
+    Index splats = 0;                     ///< number seen
+    Index below_a_pixel = 0;              ///< of these, with the smaller deviation below a pixel
+    double narrowest = INFINITY;          ///< smallest deviation [px]
+    double dilation = 0.3;                ///< dilation that would be left out [px^2]
     std::vector<double> distortion;       ///< coefficients of the lens
-    std::string extra;                    ///< other images that were asked for
+    std::string extra;                    ///< other images asked for
 };
 
 struct SceneFacts {
     std::optional<DriverFacts> drivers;
     std::optional<AvatarFacts> avatar;
     std::optional<RenderFacts> render;
-    /// Of bands 1, 2, and 3 and above: what leaving out this one alone can change in a colour.
+    /// Largest change of a colour without band 1, band 2, or bands from 3 on.
     std::optional<std::array<double, 3>> sh;
-    std::array<double, 3> sh_rest{};  ///< and this one with all above it
+    std::array<double, 3> sh_rest{};  ///< without a band and all above it
 };
 
-/// What leaving out spherical harmonics can change in a colour, at most, over all Gaussians.
+/// Computes the largest change of a colour without spherical harmonics, over all Gaussians.
 template <class T>
 void add_sh(const GaussianCloud<T>& cloud, SceneFacts& facts) {
     std::array<double, 3> alone{}, rest{};
@@ -141,7 +141,7 @@ void add_sh(const GaussianCloud<T>& cloud, SceneFacts& facts) {
                     cloud.sh_rest.col(i).segment(from, 2 * l + 1).template cast<double>().norm());
                 const double most = std::sqrt((2 * l + 1) / (4 * std::numbers::pi)) * norm;
                 above += most;
-                const auto at = static_cast<std::size_t>(std::min(l, 3) - 1);  // 4 goes with 3
+                const auto at = static_cast<std::size_t>(std::min(l, 3) - 1);  // 4 as 3
                 alone[at] = std::max(alone[at], most);
                 rest[at] = std::max(rest[at], above);
             }
@@ -150,7 +150,7 @@ void add_sh(const GaussianCloud<T>& cloud, SceneFacts& facts) {
     facts.sh_rest = rest;
 }
 
-/// Whether one effect is called for, and the reason in plain words.
+/// Decision about one effect, and the reason in plain words.
 struct Finding {
     EffectName effect;
     bool called = false;
@@ -160,20 +160,20 @@ struct Finding {
 struct SceneProfile {
     double bound = 0;
     EffectMask effects;
-    std::vector<Finding> findings;       ///< of every effect
+    std::vector<Finding> findings;       ///< one for every effect
 };
 
-/// Least changes that count.
+/// Smallest changes that count.
 struct ProfileBounds {
     double color = 1.0 / 255;            ///< of a picture's colours
     double coefficient = 1e-3;           ///< of an expression, and of a pose for the residual
     double move = 1e-4;                  ///< of a Gaussian [unit]: 1/20 px of a head 1000 px high
-    double eye_radius = 0.12;            ///< a turn of an eye moves its surface by this times it
+    double eye_radius = 0.12;            ///< radius that turns an eye's rotation into a motion
     double gaze = 1e-3;                  ///< for the skin around the eye [rad]
-    double bulge = 20;                   ///< px of an iris above which the cornea's shape is seen
-    double glint = 30;                   ///< ... and a light's mirror image
-    double refraction = 60;              ///< ... and what the cornea refracts
-    double grazing = 1.0471975511965976; ///< a view from further aside sees that anyway [rad]
+    double bulge = 20;                   ///< iris above which the cornea's shape is visible [px]
+    double glint = 30;                   ///< ... a light's mirror image is visible [px]
+    double refraction = 60;              ///< ... refraction by the cornea is visible [px]
+    double grazing = 1.0471975511965976; ///< angle of a view that always shows refraction [rad]
     double pixel = 1;                    ///< deviation of a splat below which it is too thin [px]
 };
 
@@ -187,7 +187,7 @@ inline std::string plain(double x) {
 
 } // namespace detail
 
-/// What the scene calls for.
+/// Returns the effects that the scene needs, with the reasons.
 inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
     using detail::plain;
     SceneProfile p;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/seen_gazes.hpp: where the eyes of a capture's frames look by their photographs: the
-/// irises that gaze_estimator.hpp finds in all views of a frame, joined.
+/// training/seen_gazes.hpp: gazes of a capture's frames from their photographs: the irises that
+/// gaze_estimator.hpp finds in all views of a frame, joined.
 #pragma once
 
 #include <array>
@@ -11,11 +11,11 @@
 
 namespace rye::trainer {
 
-/// Where an eye looks in a frame.
+/// Gaze of an eye in a frame, as seen.
 struct SeenGaze {
-    int views = 0; ///< that show its iris; 0: nothing is known
+    int views = 0; ///< number that show its iris; 0: nothing is known
     Vec2<double> angles = Vec2<double>::Zero(); ///< (pitch, yaw) in the head's frame [rad]
-    Vec2<double> sigma = Vec2<double>::Zero(); ///< deviation of each [rad]
+    Vec2<double> sigma = Vec2<double>::Zero(); ///< standard deviation of each [rad]
 };
 
 /// Geometry of an eyeball in the head's frame, canonical units.
@@ -24,8 +24,22 @@ struct EyeballInHead {
     double radius, limbus_radius, iris_plane;
 };
 
-/// Both eyes of each of these frames. balls: of both eyes in each. Needs eye masks; eyes without
-/// one in a view are not seen by it.
+/// Iris in one view.
+struct SeenIris {
+    int camera;
+    Vec2<double> angles; ///< (pitch, yaw) in the head's frame [rad]
+    double sharpness;    ///< 1 for enough pixels, less for fewer
+    Vec2<double> at;     ///< middle of the iris in the picture [px]
+    double edge;         ///< radius of the sphere of its rim in the picture [px]
+};
+
+/// Returns the irises of both eyes in each of these frames, by camera. balls: both eyes in each
+/// frame. Needs eye masks; ignores eyes without one in a view.
+std::vector<std::array<std::vector<SeenIris>, 2>>
+seen_irises(const Capture& capture, const std::vector<int>& frames,
+            const std::vector<std::array<EyeballInHead, 2>>& balls);
+
+/// Returns the gazes joined from the irises of each frame.
 std::vector<std::array<SeenGaze, 2>>
 seen_gazes(const Capture& capture, const std::vector<int>& frames,
            const std::vector<std::array<EyeballInHead, 2>>& balls);

@@ -18,9 +18,9 @@ namespace {
 
 TrainEyeball eyeball_of(const Subject& s, const TrainConfig& config, std::size_t eye) {
     TrainEyeball shape = eyeball_shape({s.eye_radius[eye], s.limbus_radius[eye], s.iris_plane[eye]});
-    // Rings whose points lie half as far apart on the iris as on the sclera: where a coarse sclera
-    // met a fine iris, its large Gaussians would reach over the iris of an eye that looks aside.
-    // They make about 2500 points.
+    // Points on the iris lie half as far apart as on the sclera: if a coarse sclera met a fine
+    // iris, its large Gaussians would reach over the iris of an eye that looks aside. About 2500
+    // points.
     shape.iris_rings = 12;
     shape.sclera_rings = 20;
     shape.back_rings = 8;
@@ -70,6 +70,7 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     init.spacing = static_cast<float>(config.gaussians.spacing);
     init.spacing_slope = static_cast<float>(config.gaussians.spacing_slope);
     init.opacity = static_cast<float>(config.gaussians.opacity);
+    init.thickness = static_cast<float>(config.gaussians.thickness);
     init.eye_opacity = static_cast<float>(config.gaussians.eyeball.opacity);
     init.eye_thickness = static_cast<float>(config.gaussians.eyeball.thickness);
     init.eye_centre.resize(3, 2);
@@ -124,7 +125,7 @@ Image<float> of_camera(Image<float> picture, const Pinhole<float>& camera) {
 
 namespace {
 
-/// Numbers that are not finite draw nothing, or anything: neither is a picture of the avatar.
+/// Throws an Error for numbers that are not finite: they draw nothing, or anything.
 void require_drawable(const Gaussians<float>& g) {
     Gaussians<float>::fields([](const std::string& name, const auto& a) {
         require(a.allFinite(), "the driven Gaussians",
@@ -133,7 +134,7 @@ void require_drawable(const Gaussians<float>& g) {
     }, g);
 }
 
-/// The driven Gaussians of what the state draws with.
+/// Returns the driven Gaussians of the state's avatar.
 TwoStreamGaussians<float> driven(const TrainState& state, const Drivers<float>& drivers) {
     const AvatarConfig& config = state.config.avatar;
     const LandmarkRoles& roles = state.subject.roles;
@@ -184,8 +185,8 @@ Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
 std::array<Vec3<double>, 2> posed_centres(const TrainState& state, const Drivers<float>& drivers) {
     const Avatar& avatar = state.avatar;
     const AvatarConfig& config = state.config.avatar;
-    const Drivers<float> optical = optical_drivers(state, drivers);
-    const HeadTransform<float> head = head_transform(optical);
+    const OpticalDrivers<float> optical = optical_drivers(state, drivers);
+    const HeadTransform<float> head = head_transform(optical.drivers);
     EyeOffsetTrace<float> offset;
     const Columns<float> centre =
         avatar.eyes.centre + eye_offset<float>(train_backend(), avatar.eyes.offset, config,
@@ -200,7 +201,7 @@ std::array<Vec3<double>, 2> posed_centres(const TrainState& state, const Drivers
 
 namespace {
 
-/// The area of PosedEyes, of driven Gaussians, whose features are overwritten.
+/// Returns the area of PosedEyes for driven Gaussians, whose features are overwritten.
 Image<float> eyes_area(const TrainState& state, TwoStreamGaussians<float>& shown,
                        const Pinhole<float>& camera) {
     const Avatar& avatar = state.avatar;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/types.hpp: the policies that the reference trainer is built from, in one place.
+/// training/types.hpp: the policies of the reference trainer.
 #pragma once
 
 #include <rye/avatar/guidance_mesh.hpp>
@@ -18,10 +18,11 @@ using TrainRasterizer = Rasterizer<FeaturesOnly<Balanced>>;
 using Mesh = GuidanceMesh<float, MeshEffects>;
 using TrainEyeball = BasicEyeballShape<MeshEffects>;
 
-/// The backend on the program's threads.
+/// Returns the backend on the program's threads.
 inline TrainBackend train_backend() { return {program_threads()}; }
 
-/// The rasterizer of trainings and pictures of runs, whose lists take at most memory_limit().
+/// Returns the rasterizer of trainings and pictures of runs, whose lists take at most
+/// memory_limit().
 inline TrainRasterizer train_rasterizer() {
     TrainRasterizer rasterizer;
     rasterizer.accuracy.max_memory = memory_limit();

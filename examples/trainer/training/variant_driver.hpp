@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/variant_driver.hpp: what is compiled for each variant of variant_list.hpp: an
-/// avatar with fewer effects, made of the trained one, and its driven Gaussians.
+/// training/variant_driver.hpp: the code compiled for each variant of variant_list.hpp: an avatar
+/// with fewer effects, made of the trained one, and its driven Gaussians.
 #pragma once
 
 #include <functional>
@@ -16,14 +16,14 @@ namespace rye::trainer {
 /// gaze_axis.
 using FrameDriver = std::function<Gaussians<float>(const Drivers<float>&)>;
 
-/// The avatar of a variant: what its effects are not looks as it does at the drivers `at`.
+/// Returns the driver of a variant's avatar; effects that it lacks are held at the drivers `at`.
 /// `avatar`, `config` and `roles` must outlive the driver.
 template <EffectSet E>
 FrameDriver driver_of(const Avatar& avatar, const AvatarConfig& config, const LandmarkRoles& roles,
                       const Drivers<float>& at) {
     std::shared_ptr<const TwoStream<float, E>> own;
     if constexpr (std::same_as<E, TrainEffects>)
-        own = {std::shared_ptr<void>(), &avatar};  // nothing is held
+        own = {std::shared_ptr<void>(), &avatar};  // no effect is held
     else
         own = std::make_shared<TwoStream<float, E>>(
             held<E>(train_backend(), avatar, config, roles, restricted<TrainEffects>(at)));

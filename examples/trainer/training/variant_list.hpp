@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/variant_list.hpp: the avatars that pictures of a trained run are drawn with.
-/// Each is compiled whole; benchmarks/compile/variants.sh prints what that costs. This list is the
-/// one place to edit: an avatar that is added here is chosen where it is the smallest that will do.
+/// training/variant_list.hpp: the avatars for pictures of a trained run. Each is compiled whole;
+/// benchmarks/compile/variants.sh prints the cost. Edit this list alone: an avatar added here is
+/// used if it is the smallest one that suffices.
 #pragma once
 
 #include <string_view>
@@ -13,18 +13,18 @@
 
 namespace rye::trainer {
 
-/// The base of a variant, which adds its name.
+/// Base of a variant, which adds its name.
 template <EffectSet E>
 struct AvatarVariant {
     using List = E;
     static constexpr EffectMask effects = effect_mask<E>;
 };
 
-/// All that is trained.
+/// All trained effects.
 struct PaperVariant : AvatarVariant<TrainEffects> {
     static constexpr std::string_view name = "paper";
 };
-/// A face that talks and looks about, on a head that keeps still.
+/// A face that talks and looks around, on a head that does not move.
 struct TalkVariant : AvatarVariant<Less<TrainEffects, PoseResidual>> {
     static constexpr std::string_view name = "talk";
 };

@@ -9,7 +9,7 @@
 namespace rye::trainer {
 namespace {
 
-/// The effects of a variant by its name, or of names.
+/// Returns the effects of a variant by its name, or of a list of names.
 EffectMask parsed(const std::string& wanted, const std::string& option) {
     return []<class... V>(Variants<V...>, const std::string& text, const std::string& who) {
         const EffectMask* found = nullptr;
@@ -22,7 +22,7 @@ EffectMask parsed(const std::string& wanted, const std::string& option) {
     }(AvatarVariants(), wanted, option);
 }
 
-/// The effects that the state's avatar has parameters of.
+/// Returns the effects for which the state's avatar has parameters.
 EffectMask trained_effects(const TrainState& state) {
     EffectMask m = effect_mask<PaperEffects>;
     if (state.avatar.eyes.kappa.size() > 0) m.add(EffectName::kappa);
@@ -67,10 +67,10 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
     std::vector<DrawnFrame> optical = frames;
     std::vector<Drivers<float>> drivers;
     for (DrawnFrame& f : optical) {
-        f.drivers = optical_drivers(state, f.drivers);
+        f.drivers = optical_drivers(state, f.drivers).drivers;
         drivers.push_back(f.drivers);
     }
-    // Counted only where it chooses, or where there is a loss to explain.
+    // Counted only if it decides, or if there is a loss to explain.
     std::optional<SceneProfile> counted;
     const auto judged = [&]() -> const SceneProfile& {
         if (counted) return *counted;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/variants.hpp: pictures of a trained run, drawn by the smallest compiled variant
-/// of its avatar (variant_list.hpp) that has what they call for.
+/// training/variants.hpp: pictures of a trained run, drawn by the smallest compiled variant of its
+/// avatar (variant_list.hpp) with the effects that they need.
 #pragma once
 
 #include <optional>
@@ -12,25 +12,26 @@
 
 namespace rye::trainer {
 
-/// Why a device does not draw what the user asked for by `option`, as FrameDrawer takes it: it
-/// leaves no effects out. Empty where nothing is left out, or nothing was asked for.
+/// Returns why a device cannot draw what the user asked for by `option`, as FrameDrawer takes it: a
+/// device leaves no effects out. Empty if nothing is left out, or nothing was asked for.
 std::string left_out_on_device(const std::string& wanted, const std::string& option);
 
-/// Draws frames of a run, which it must not outlive.
+/// Drawer of a run's frames; must not outlive the run.
 class FrameDrawer {
   public:
-    /// By a drawer on a device, with all that the run has.
+    /// Draws on a device, with all effects of the run.
     explicit FrameDrawer(AvatarDrawer on_device);
-    /// `wanted` is what the user asked for (of the option `option`): a variant's name, or names of
-    /// effects; if it is empty or "auto", what `frames` call for so that no colour changes by more than
-    /// `bound`. What the variant has not is held as in the first frame.
+    /// Draws with the effects of `wanted`, the value of the user's option `option`: a variant's
+    /// name, or names of effects; if it is empty or "auto", the effects that `frames` need so that
+    /// no colour changes by more than `bound`. Effects that the variant lacks are held as in the
+    /// first frame.
     FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>& frames,
                 const std::string& wanted, const std::string& option, double bound);
 
     Image<float> picture(const DrawnFrame& frame) const;
-    /// As picture, but by all that the avatar has.
+    /// Returns the picture with all effects of the avatar.
     Image<float> picture_by_all(const DrawnFrame& frame) const;
-    /// Which variant was taken and why, in lines.
+    /// Returns lines that name the variant and the reasons for it.
     const std::string& explanation() const { return explanation_; }
     const std::string& variant() const { return variant_; }
 

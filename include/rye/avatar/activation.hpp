@@ -37,7 +37,7 @@ struct RawAttributes {
     const Columns<T>& opacity_logit;  ///< 1 x N
 };
 
-/// Where activated attributes go: the first N columns, or more, of each.
+/// Destination of activated attributes: the first N columns, or more, of each.
 template <class T>
 struct DrawnAttributes {
     Columns<T>& scale;

@@ -13,7 +13,7 @@
 
 namespace rye {
 
-/// Which distance the thresholds t1 ... t4 are compared with; GHA's code compares squared ones.
+/// Distance that the thresholds t1 ... t4 are compared with; GHA's code compares squared ones.
 using ChosenMetric = std::variant<SquaredDistance, EuclideanDistance>;
 
 /// Hidden widths of each network; inputs and outputs follow from AvatarConfig.
@@ -30,7 +30,7 @@ struct NetworkConfig {
     std::vector<int> eye_offset{128, 128};
 };
 
-/// What fixes an avatar's shapes: widths of codes and features, layers, ranges of influence.
+/// Settings that fix an avatar's shapes: widths of codes and features, layers, ranges of influence.
 /// Lengths in the head frame's units.
 struct AvatarConfig {
     int expression = 0;   ///< width of the expression code; decided by the capture

@@ -7,6 +7,7 @@
 
 #include <array>
 #include <limits>
+#include <utility>
 
 #include <rye/avatar/config.hpp>
 #include <rye/core/columns.hpp>
@@ -32,7 +33,7 @@ V unset_point() {
         return V::Constant(typename V::Scalar(std::numeric_limits<double>::quiet_NaN()));
 }
 
-/// What drives one frame of an avatar with the effects E; a driver that no effect reads is absent.
+/// Drivers of a frame of an avatar with the effects E; a driver that no effect reads is absent.
 template <class T, EffectSet E = PaperEffects>
 struct Drivers {
     /// Blendshape coefficients.
@@ -41,7 +42,8 @@ struct Drivers {
     [[no_unique_address]] Slot<E, ReadsHeadPose, Vec<T, 6>> pose;
     /// S, world units per canonical unit.
     [[no_unique_address]] Slot<E, HeadPose, T> scale = initial_slot<Slot<E, HeadPose, T>>(1);
-    /// Optical axes, left and right, head frame; visual axes if Kappa is on.
+    /// Tracked gazes, left and right, head frame: visual axes for an avatar with a kappa, else
+    /// optical ones.
     [[no_unique_address]] GazeSlot<E, Vec3<T>> gaze;
     /// The camera's centre, world.
     [[no_unique_address]] Slot<E, ReadsCamera, Vec3<T>> camera =
@@ -63,6 +65,16 @@ struct Drivers {
     }
 };
 
+/// Drivers whose gazes are optical axes, which eyeballs turn to and networks and features read.
+/// optical_drivers (avatar/eye_parameters.hpp) makes them of tracked ones by an avatar's kappa; the
+/// constructor takes gazes as they are for optical axes.
+template <class T, EffectSet E = PaperEffects>
+struct OpticalDrivers {
+    Drivers<T, E> drivers;
+
+    explicit OpticalDrivers(Drivers<T, E> d) : drivers(std::move(d)) {}
+};
+
 /// A face at rest: no expression, no head pose, eyes ahead.
 template <class T, EffectSet E = PaperEffects>
 Drivers<T, E> neutral_drivers(const AvatarConfig& config) {
@@ -75,7 +87,7 @@ Drivers<T, E> neutral_drivers(const AvatarConfig& config) {
     return d;
 }
 
-/// What networks read of the head pose: its code.
+/// Effects whose networks read the head pose's code.
 using ReadsPoseCode = AnyOf<PoseResidual, EyeOffset>;
 
 /// The frame inputs of the networks.
@@ -86,9 +98,10 @@ struct FrameCode {
     [[no_unique_address]] SkinSlot<E, VecX<T>> gaze; ///< encoded (pitch, yaw), 18 an eye with 4
 };
 
-/// The gazes of the drivers must be optical axes: see optical_drivers.
+/// Returns the codes of a frame.
 template <class T, EffectSet E>
-FrameCode<T, E> frame_code(const AvatarConfig& config, const Drivers<T, E>& drivers) {
+FrameCode<T, E> frame_code(const AvatarConfig& config, const OpticalDrivers<T, E>& optical) {
+    const Drivers<T, E>& drivers = optical.drivers;
     FrameCode<T, E> code;
     if constexpr (has_effect<E, ReadsExpression>) code.expression = drivers.expression;
     if constexpr (has_effect<E, ReadsPoseCode>)

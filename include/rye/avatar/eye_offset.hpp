@@ -30,7 +30,7 @@ struct EyeOffsetNetwork {
     }
 };
 
-/// What the vjp needs of the network of the eyes' offsets.
+/// Intermediate results of the eyes' offset network for its vjp.
 template <class T>
 struct EyeOffsetTrace {
     Columns<T> input;    ///< [expression; pose code], one column
@@ -57,7 +57,7 @@ struct EyeOffsetPass {
     const EyeOffsetTrace<T>& trace;
 };
 
-/// What eye_offset_vjp adds to.
+/// Destinations of eye_offset_vjp.
 template <class T, NetworkPolicy N>
 struct EyeOffsetGradients {
     EyeOffsetNetwork<T, N>& network;

@@ -29,7 +29,7 @@ struct EyeOptics {
     [[no_unique_address]] Slot<E, SeesCornea, Columns<T>> cornea;
     [[no_unique_address]] Slot<E, CornealRefraction, Columns<T>> index;  ///< fixed, 1 x 2
     [[no_unique_address]] Slot<E, Glint, Columns<T>> light_position;     ///< world, 3 x L
-    /// What a light's image adds to the first channels at its middle, 3 x L (or fewer rows).
+    /// Colour that a light's image adds to the first channels at its middle, 3 x L or fewer rows.
     [[no_unique_address]] Slot<E, Glint, Columns<T>, 1> light_intensity;
     /// Fixed: the image's deviation [unit], 1 x L. Gaussians that are farther apart do not show it.
     [[no_unique_address]] Slot<E, Glint, Columns<T>, 2> light_width;
@@ -100,14 +100,14 @@ void turn_cornea(EyeOptics<T, E>& optics, std::size_t eye, const Mat3<T>& rotati
     }
 }
 
-/// What the vjp needs of the eyes' optics.
+/// Intermediate results of the eyes' optics for their vjp.
 template <class T>
 struct OpticsTrace {
     std::array<Columns<T>, 2> seen;        ///< each eye's points, its own frame, 3 x P
     std::array<EyeTransform<T>, 2> placed;
 };
 
-/// What looking at the corneas adds to the cotangents of the eyes' transforms.
+/// Terms that the view of the corneas adds to the cotangents of the eyes' transforms.
 template <class T>
 struct OpticsCotangent {
     std::array<Mat3<T>, 2> turn{Mat3<T>::Zero(), Mat3<T>::Zero()}; ///< eye to head, as a matrix
@@ -125,7 +125,7 @@ struct ViewedEye {
     Index first;              ///< column of the eyes' features
 };
 
-/// Of one eye the points as they are seen, and, added to its columns of `feature`, the glints.
+/// Computes the points of one eye as they are seen; adds the glints to its columns of `feature`.
 template <class T, EffectSet E, Backend B>
 void look_into_eye(const B& backend, const EyeOptics<T, E>& optics,
                    const std::type_identity_t<ViewedEye<T>>& viewed, OpticsTrace<T>& trace,
@@ -179,7 +179,7 @@ struct IntoEye {
     Mat3<T> rotation = Mat3<T>::Zero();
     Vec3<T> translation = Vec3<T>::Zero();
 
-    /// Of one point's, that of the point in the world.
+    /// Adds one point's; returns the cotangent of the point in the world.
     Vec3<T> add(const EyeTransform<T>& eye, const Vec3<T>& world, const Vec3<T>& g) {
         const Vec3<T> scaled = g / eye.scale, g_world = eye.rotation * scaled;
         rotation += (world - eye.translation) * scaled.transpose();
@@ -259,7 +259,7 @@ struct EyesCotangent {
     Index begin;
 };
 
-/// What eye_optics_vjp adds to, and what it gives.
+/// Destinations of eye_optics_vjp: gradients that it adds to, cotangents that it sets.
 template <class T, EffectSet E>
 struct OpticsGradients {
     EyeOptics<T, E>& lights;

@@ -96,22 +96,19 @@ void bound_scales(EyeStream<T, E>& eyes, std::type_identity_t<T> factor,
     eyes.log_scale = eyes.log_scale.cwiseMin(scale_bounds(eyes, factor, thickness));
 }
 
-/// The drivers with the optical axes in the place of the gazes: the same ones without Kappa, or
-/// where the angles are empty.
+/// Returns the drivers with optical axes, by the avatar's kappa; without one their gazes are these.
 template <class T, EffectSet E>
-decltype(auto) optical_drivers(const EyeStream<T, E>& eyes, const Drivers<T, E>& drivers) {
-    if constexpr (has_effect<E, Kappa>) {
-        Drivers<T, E> d = drivers;
-        if (eyes.kappa.size() == 0) return d;
-        for_eyes([&]<std::size_t eye>() {
-            if constexpr (eye_turns<E, eye>)
-                of_eye<eye>(d.gaze) = apply_kappa<T>(of_eye<eye>(drivers.gaze),
-                                                     kappa_of(eyes.kappa, eye));
-        });
-        return d;
-    } else {
-        return (drivers);
-    }
+OpticalDrivers<T, E> optical_drivers([[maybe_unused]] const EyeStream<T, E>& eyes,
+                                     const Drivers<T, E>& drivers) {
+    OpticalDrivers<T, E> optical(drivers);
+    if constexpr (has_effect<E, Kappa>)
+        if (eyes.kappa.size() > 0)
+            for_eyes([&]<std::size_t eye>() {
+                if constexpr (eye_turns<E, eye>)
+                    of_eye<eye>(optical.drivers.gaze) = apply_kappa<T>(
+                        of_eye<eye>(drivers.gaze), kappa_of(eyes.kappa, eye));
+            });
+    return optical;
 }
 
 } // namespace rye

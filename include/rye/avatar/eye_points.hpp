@@ -15,27 +15,27 @@
 
 namespace rye {
 
-/// What a frame's eyes are driven by.
+/// Inputs of a frame's eyes.
 template <class T, EffectSet E>
 struct EyeFrame {
     const AvatarConfig& config;
-    const Drivers<T, E>& drivers;
+    const OpticalDrivers<T, E>& optical;
     const FrameCode<T, E>& code;
 };
 
 /// Calls f(inputs) with the frame's inputs of the eyes' appearance, computed only if used.
 template <class T, EffectSet E, class F>
-void with_eye_inputs(const EyeStream<T, E>& eyes, const Drivers<T, E>& optical,
+void with_eye_inputs(const EyeStream<T, E>& eyes, const OpticalDrivers<T, E>& optical,
                      const FrameCode<T, E>& code, F&& f) {
     VecX<T> expression, pose;
     Columns<T> gaze;
     if constexpr (EyeAppearanceOf<E>::reads_inputs) {
         if constexpr (has_effect<E, ReadsExpression>) expression = code.expression;
-        if constexpr (has_effect<E, ReadsHeadPose>) pose = optical.pose;
+        if constexpr (has_effect<E, ReadsHeadPose>) pose = optical.drivers.pose;
         gaze = Vec3<T>(T(0), T(0), T(1)).replicate(1, 2);
         for_eyes([&]<std::size_t eye>() {
             if constexpr (eye_turns<E, eye>)
-                gaze.col(static_cast<Index>(eye)) = of_eye<eye>(optical.gaze);
+                gaze.col(static_cast<Index>(eye)) = of_eye<eye>(optical.drivers.gaze);
         });
     }
     f(EyeInputs<T>{eyes.position, eyes.points_of(0), expression, gaze, pose});
@@ -116,20 +116,18 @@ struct SizeEyePoint {
     }
 };
 
-/// Sets mean and rotation of Gaussian i, in the world, of the left eye for i < left.
+/// Sets mean and rotation of Gaussian i of an eye, in the world. Arrays begin at its first point.
 template <class T>
 struct PlaceEyePoint {
     static constexpr const char* name = "eyes, places";
     EyeArrays<const T> raw;
     const T* position; ///< in the eyeball's frame, 3 x P
-    Index left;
     GaussianArrays<T> to;
-    const EyeTransform<T>* eye; ///< of both eyes
+    const EyeTransform<T>* eye;
 
     RYE_HD void operator()(Index i) const {
-        const EyeTransform<T>& own = eye[i < left ? 0 : 1];
-        put_column<3>(own.apply(column3(position, i)), to.mean.data, i);
-        put_column<4>(quat_product<T>(own.quaternion, column4(raw.rotation, i)), to.rotation.data,
+        put_column<3>(eye->apply(column3(position, i)), to.mean.data, i);
+        put_column<4>(quat_product<T>(eye->quaternion, column4(raw.rotation, i)), to.rotation.data,
                       i);
     }
 };
@@ -208,14 +206,16 @@ struct EyePointVjp {
 /// axis, if it turns, and carried by the head, the HeadTransform of an avatar that has one.
 template <std::size_t eye, class T, EffectSet E, class... Head>
 EyeTransform<T> placed_eye(const EyeStream<T, E>& eyes, const Vec3<T>& centre,
-                           [[maybe_unused]] const Drivers<T, E>& optical, const Head&... head) {
+                           [[maybe_unused]] const OpticalDrivers<T, E>& optical,
+                           const Head&... head) {
     EyeTransform<T> placed = eye_at<T>(centre);
-    if constexpr (eye_turns<E, eye>) turn_eye_by(eyes, eye, of_eye<eye>(optical.gaze), placed);
+    if constexpr (eye_turns<E, eye>)
+        turn_eye_by(eyes, eye, of_eye<eye>(optical.drivers.gaze), placed);
     (carry_eye<T>(placed, {{head.rotation, head.translation}, head.scale}), ...);
     return placed;
 }
 
-/// Whether features of the eyes are made by a part that writes each eye's alone.
+/// True if the part that makes the eyes' features can write one eye's alone.
 template <EffectSet E>
 inline constexpr bool eyes_apart = EyeByEye<EyeAppearanceOf<E>>;
 
@@ -227,7 +227,7 @@ void eye_features(const B& backend, const EyeStream<T, E>& eyes,
                   const std::array<bool, 2>& which, Index begin, Gaussians<T>& g) {
     using Appearance = EyeAppearanceOf<E>;
     using Mechanism = GazeMechanismOf<E>;
-    with_eye_inputs(eyes, frame.drivers, frame.code, [&](const EyeInputs<T>& inputs) {
+    with_eye_inputs(eyes, frame.optical, frame.code, [&](const EyeInputs<T>& inputs) {
         ColumnsSpan<T> feature(g.feature.middleCols(begin, eyes.position.cols()));
         if (which[0] && which[1]) {
             Appearance::features(backend, eyes.appearance(), inputs, feature);
@@ -243,7 +243,8 @@ void eye_features(const B& backend, const EyeStream<T, E>& eyes,
             if constexpr (eye_turns<E, eye>)
                 if (which[eye])
                     Mechanism::features(
-                        eyes.mechanism(), eye, checked_gaze(of_eye<eye>(frame.drivers.gaze)),
+                        eyes.mechanism(), eye,
+                        checked_gaze(of_eye<eye>(frame.optical.drivers.gaze)),
                         ColumnsSpan<T>(g.feature.middleCols(begin + eyes.first_point(e),
                                                             eyes.points_of(e))));
         });

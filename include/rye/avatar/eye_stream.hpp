@@ -14,7 +14,7 @@
 
 namespace rye {
 
-/// What the vjp needs of a frame's eyeballs.
+/// Intermediate results of a frame's eyeballs for their vjp.
 template <class T, EffectSet E = PaperEffects>
 struct EyeTrace {
     [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetTrace<T>> offset;
@@ -37,7 +37,6 @@ template <class T, EffectSet E, Backend B, class... Head>
 void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
                    const std::type_identity_t<EyeFrame<T, E>>& frame,
                    const std::type_identity_t<EyesInCloud<T, E>>& to, const Head&... head) {
-    const Drivers<T, E>& drivers = frame.drivers;
     [[maybe_unused]] EyeTrace<T, E>& trace = to.trace;
     Gaussians<T>& g = to.gaussians;
     const Index begin = to.begin;
@@ -48,7 +47,7 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
     for_eyes([&]<std::size_t eye>() {
         constexpr Index e = static_cast<Index>(eye);
         const EyeTransform<T> placed =
-            placed_eye<eye>(eyes, Vec3<T>(centre.col(e)), drivers, head...);
+            placed_eye<eye>(eyes, Vec3<T>(centre.col(e)), frame.optical, head...);
         if constexpr (eye_turns<E, eye>) {
             of_eye<eye>(trace.turn) = placed.quaternion;
             ((of_eye<eye>(trace.turn) =
@@ -59,13 +58,13 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
         const T* points = eyes.position.data() + 3 * first;
         if constexpr (has_effect<E, SeesCornea>) {
             look_into_eye(backend, eyes.optics,
-                          {eye, drivers.camera, placed,
+                          {eye, frame.optical.drivers.camera, placed,
                            Columns<T>(eyes.position.middleCols(first, n)), begin + first},
                           trace.optics, g.feature);
             points = trace.optics.seen[eye].data();
         }
         for_each(backend, n,
-                 DriveEyePoint<T, E>{{arrays_of(eyes).from(first), points, n,
+                 DriveEyePoint<T, E>{{arrays_of(eyes).from(first), points,
                                       columns_from(arrays_of(g), {begin + first, n}), &placed},
                                      head_address<T>(head...)});
     });
@@ -80,9 +79,8 @@ EyeInputsCotangent<T> eye_features_vjp(const B& backend, const EyeStream<T, E>& 
                                        const std::type_identity_t<ColumnsView<T>>& g,
                                        EyeStream<T, E>& grad) {
     using Appearance = EyeAppearanceOf<E>;
-    const Drivers<T, E>& optical = frame.drivers;
     EyeInputsCotangent<T> g_inputs;
-    with_eye_inputs(eyes, optical, frame.code, [&](const EyeInputs<T>& inputs) {
+    with_eye_inputs(eyes, frame.optical, frame.code, [&](const EyeInputs<T>& inputs) {
         if constexpr (GazeMechanismOf<E>::changes_features) {
             Columns<T> before(g.rows(), g.cols()), g_before = g;
             Appearance::features(backend, eyes.appearance(), inputs, ColumnsSpan<T>(before));
@@ -91,7 +89,8 @@ EyeInputsCotangent<T> eye_features_vjp(const B& backend, const EyeStream<T, E>& 
                     constexpr Index e = static_cast<Index>(eye);
                     const Index first = eyes.first_point(e), n = eyes.points_of(e);
                     g_inputs.gaze[eye] = GazeMechanismOf<E>::features_vjp(
-                        eyes.mechanism(), eye, checked_gaze(of_eye<eye>(optical.gaze)),
+                        eyes.mechanism(), eye,
+                        checked_gaze(of_eye<eye>(frame.optical.drivers.gaze)),
                         ColumnsView<T>(before.middleCols(first, n)),
                         ColumnsSpan<T>(g_before.middleCols(first, n)), grad.mechanism());
                 }
@@ -119,7 +118,9 @@ struct PointGradients {
 /// Driven eyes, as far as their vjp reads them.
 template <class T, EffectSet E>
 struct DrivenEyes {
-    EyeFrame<T, E> frame; ///< gazes as they came
+    const AvatarConfig& config;
+    const Drivers<T, E>& drivers; ///< tracked
+    const FrameCode<T, E>& code;
     const EyeTrace<T, E>& trace;
     const Gaussians<T>& world; ///< the cloud that eye_gaussians wrote to
     Index begin;
@@ -152,7 +153,8 @@ SumsOfEyes<T, E> eye_points_vjp(const B& backend, const EyeStream<T, E>& eyes,
                      EyePointVjp<T, E, int(eye)>{
                          arrays_of(eyes).from(first), arrays_of(to.eyes).from(first), points,
                          columns_from(arrays_of(driven.world), columns),
-                         columns_from(arrays_of(to.gaussians), columns), head_address<T>(head...), turn});
+                         columns_from(arrays_of(to.gaussians), columns),
+                         head_address<T>(head...), turn});
     });
     return sums;
 }
@@ -173,13 +175,13 @@ template <class T, EffectSet E, Backend B>
 void eye_vjp(const B& backend, const EyeStream<T, E>& eyes,
              const std::type_identity_t<DrivenEyes<T, E>>& driven,
              const std::type_identity_t<EyeGradients<T, E>>& gradients) {
-    [[maybe_unused]] const AvatarConfig& config = driven.frame.config;
-    const Drivers<T, E>& drivers = driven.frame.drivers;
+    [[maybe_unused]] const AvatarConfig& config = driven.config;
+    const OpticalDrivers<T, E> optical = optical_drivers(eyes, driven.drivers);
     [[maybe_unused]] const EyeTrace<T, E>& trace = driven.trace;
     EyeStream<T, E>& grad = gradients.eyes;
     [[maybe_unused]] FrameCotangent<T, E>& g_frame = gradients.frame;
     const EyeInputsCotangent<T> g_inputs = eye_features_vjp(
-        backend, eyes, {config, optical_drivers(eyes, drivers), driven.frame.code},
+        backend, eyes, {config, optical, driven.code},
         gradients.gaussians.feature.middleCols(driven.begin, eyes.position.cols()), grad);
     if constexpr (eyes_read_pose<E>) g_frame.eye_pose += g_inputs.pose;
     for_eyes([&]<std::size_t eye>() {
@@ -191,16 +193,15 @@ void eye_vjp(const B& backend, const EyeStream<T, E>& eyes,
             if constexpr (has_effect<E, SeesCornea>) g_turn.rotation += g_frame.optics.turn[eye];
             Vec3<T> g_optical = g_inputs.gaze[eye];
             if constexpr (own_turn<E>) {
-                const Drivers<T, E>& optical = optical_drivers(eyes, drivers);
                 g_optical += GazeMechanismOf<E>::turn_vjp(
-                    eyes.mechanism(), eye, checked_gaze(of_eye<eye>(optical.gaze)),
+                    eyes.mechanism(), eye, checked_gaze(of_eye<eye>(optical.drivers.gaze)),
                     turn_cotangent_of(of_eye<eye>(trace.turn), g_turn.rotation, g_turn.quaternion),
                     grad.mechanism());
             }
             if constexpr (has_effect<E, Kappa>)
                 if (eyes.kappa.size() > 0)
                     grad.kappa.col(static_cast<Index>(eye)) += kappa_vjp<EncodingOf<E>, T>(
-                        config, of_eye<eye>(drivers.gaze), kappa_of(eyes.kappa, eye),
+                        config, of_eye<eye>(driven.drivers.gaze), kappa_of(eyes.kappa, eye),
                         {own_turn<E> ? TurnCotangent<T>{} : g_turn, g_optical,
                          gaze_code_cotangent<eye>(g_frame)});
         }

@@ -79,10 +79,10 @@ void for_attribute_fields(F&& f) {
 
 /// The weights of expression and head pose are one ramp and its rest: either needs it.
 using ReadsFaceRamp = AnyOf<Expression, PoseResidual>;
-/// What drives the face at all.
+/// Effects that drive the face.
 using FaceDrivers = AnyOf<Expression, PoseResidual, Periocular>;
 
-/// Whether a driver of the face was left out: what it gave can be kept instead (avatar/hold.hpp).
+/// True if a driver of the face was left out, whose last result can be kept (avatar/hold.hpp).
 template <EffectSet E>
 inline constexpr bool face_rests = !has_effect<E, Expression> || !has_effect<E, PoseResidual> ||
                                    !skin_follows<E, 0> || !skin_follows<E, 1>;

@@ -89,7 +89,7 @@ auto& head_scale(Trace& trace, Cloud& g) {
         return g.scale;
 }
 
-/// What a frame's face is driven by.
+/// Inputs of a frame's face.
 template <class T, EffectSet E>
 struct FaceFrame {
     const AvatarConfig& config;
@@ -159,7 +159,7 @@ struct DrivenFace {
     const Columns<T>& opacity;
 };
 
-/// What face_vjp adds to.
+/// Destinations of face_vjp.
 template <class T, EffectSet E>
 struct FaceGradients {
     FaceStream<T, E>& face;

@@ -24,7 +24,7 @@ struct Field {
 template <class T, class A>
 Field(const Mlp<T, A>&, Squash, const T&) -> Field<T, A>;
 
-/// What a field is evaluated on.
+/// Inputs of a field.
 template <class T>
 struct FieldInput {
     const Columns<T>& inputs; ///< of the points, D x N
@@ -32,7 +32,7 @@ struct FieldInput {
     const VecX<T>& frame;
 };
 
-/// What the vjp of one field needs of its forward.
+/// Intermediate results of a field for its vjp.
 template <class T>
 struct FieldTrace {
     std::vector<Index> set;  ///< points with lambda > 0, ascending

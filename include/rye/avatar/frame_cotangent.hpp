@@ -11,7 +11,7 @@
 
 namespace rye {
 
-/// Whether the eyes' appearance reads the head pose.
+/// True if the eyes' appearance reads the head pose.
 template <EffectSet E>
 inline constexpr bool eyes_read_pose =
     EyeAppearanceOf<E>::reads_inputs && has_effect<E, ReadsHeadPose>;
@@ -23,7 +23,7 @@ struct FrameCotangent {
     [[no_unique_address]] Slot<E, ReadsPoseCode, VecX<T>> pose;
     [[no_unique_address]] KappaSlot<E, VecX<T>> gaze;
     [[no_unique_address]] Slot<E, SeesCornea, OpticsCotangent<T>> optics;
-    /// Of the head pose as the eyes' appearance reads it, 6.
+    /// Cotangent of the head pose as the eyes' appearance reads it, 6.
     [[no_unique_address]] PresentIf<eyes_read_pose<E>, EyesKeepTheirFeatures, Vec<T, 6>> eye_pose;
 
     explicit FrameCotangent(const FrameCode<T, E>& code) {

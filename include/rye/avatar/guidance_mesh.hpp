@@ -218,7 +218,7 @@ void pose_mesh(const B& backend, const GuidanceMesh<T, E>& mesh,
     const FaceNetworks<T, E>& nets = mesh.networks;
     const Columns<T>& x = neutral.surface.positions;
     const T one = T(1), reach = T(config.deform_scale);
-    p.code = frame_code(config, drivers);
+    p.code = frame_code(config, OpticalDrivers<T, E>(drivers)); // no kappa is known yet
     p.weights = face_weights<T>(backend, {config, x, mesh.landmarks}, frame.roles, p.nearest);
     const Weights<T, E>& w = p.weights;
     p.color = Columns<T>::Zero(config.channels, x.cols());

@@ -64,7 +64,7 @@ void to_world(const B& backend, const HeadTransform<T>& head, const Columns<T>& 
     });
 }
 
-/// What the head's motion moves of a Gaussian.
+/// Parts of a Gaussian that the head's motion moves.
 template <class T>
 struct MovedPoint {
     Vec3<T> mean;

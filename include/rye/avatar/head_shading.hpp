@@ -54,7 +54,7 @@ struct ShadedFrame {
     Index left_points; ///< then these of the left eye, then the right one's
 };
 
-/// What the vjp needs of shade.
+/// Intermediate results of shade for its vjp.
 template <class T>
 struct ShadingTrace {
     Columns<T> gain; ///< 3 x (N + 2): of the face's Gaussians, then of each eyeball

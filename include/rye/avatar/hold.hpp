@@ -14,7 +14,7 @@
 
 namespace rye {
 
-/// Of the drivers what fewer effects read.
+/// Returns the drivers that fewer effects read.
 template <EffectSet Fewer, class T, EffectSet E>
 Drivers<T, Fewer> restricted(const Drivers<T, E>& all) {
     Drivers<T, Fewer> d;
@@ -31,7 +31,7 @@ Drivers<T, Fewer> restricted(const Drivers<T, E>& all) {
 
 namespace detail {
 
-/// Whether a driver of the face is among these effects.
+/// Returns true if the effects E have this driver of the face.
 template <EffectSet E>
 constexpr bool drives(ExpressionField) { return has_effect<E, Expression>; }
 template <EffectSet E>
@@ -186,11 +186,11 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
                                                   {3, VecX<T>(drivers.pose.template head<3>())});
         }
     }
-    const Drivers<T, E>& optical = optical_drivers(all.eyes, drivers);
+    const OpticalDrivers<T, E> optical = optical_drivers(all.eyes, drivers);
     for_eyes([&]<std::size_t eye>() {
         if constexpr (eye_turns<E, eye> && !eye_turns<Fewer, eye>) {
             EyeTransform<T> turn = eye_at<T>(Vec3<T>::Zero());
-            turn_eye_by(all.eyes, eye, of_eye<eye>(optical.gaze), turn);
+            turn_eye_by(all.eyes, eye, of_eye<eye>(optical.drivers.gaze), turn);
             const Index first = a.eyes.first_point(static_cast<Index>(eye));
             const Index n = a.eyes.points_of(static_cast<Index>(eye));
             const Columns<T> points = a.eyes.position.middleCols(first, n);

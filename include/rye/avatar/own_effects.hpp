@@ -72,7 +72,7 @@ struct OwnParameters<T, Effects<X...>>
     }
 };
 
-/// Whether there are any.
+/// True if there are any.
 template <EffectSet E>
 inline constexpr bool has_own_effects = false;
 template <class... X>

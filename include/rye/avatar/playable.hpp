@@ -42,7 +42,7 @@ struct PlayableAvatar {
     Pinhole<T> camera;  ///< of the picture after super-resolution
     VecX<T> background; ///< feature of what is behind the head, C
 
-    /// Whether gazes are visual axes, of which kappa makes optical ones.
+    /// Returns true if gazes are visual axes, of which kappa makes optical ones.
     bool visual_axes() const { return avatar.eyes.kappa.size() > 0; }
 };
 

@@ -19,7 +19,7 @@ using TrainedEffects = More<PaperEffects, Kappa, HeadShading, EyesBy<DrivenFeatu
 template <class T>
 using TrainedAvatar = TwoStream<T, TrainedEffects>;
 
-/// Whether the frame drives the features of the avatar's eyes.
+/// Returns true if the frame drives the features of the avatar's eyes.
 template <class T>
 bool has_driven_eyes(const TrainedAvatar<T>& avatar) {
     return DrivenFeatures::driven(avatar.eyes.appearance(), 0) ||

@@ -101,7 +101,7 @@ template <class T, EffectSet E, Backend B>
 void drive(const B& backend, const TwoStream<T, E>& avatar,
            const std::type_identity_t<AvatarFrame<T, E>>& frame, TwoStreamTrace<T, E>& trace) {
     const auto& [config, roles, drivers] = frame;
-    const Drivers<T, E>& optical = optical_drivers(avatar.eyes, drivers);
+    const OpticalDrivers<T, E> optical = optical_drivers(avatar.eyes, drivers);
     trace.code = frame_code(config, optical);
     const Index n = trace.face_count = avatar.face.position.cols();
     Gaussians<T>& g = trace.gaussians;
@@ -109,13 +109,13 @@ void drive(const B& backend, const TwoStream<T, E>& avatar,
     face_gaussians<T>(backend, avatar.face, {config, roles, trace.code}, trace.face, g);
     if constexpr (has_own_effects<E>) {
         Columns<T>& scale = head_scale<T, E>(trace.face, g);
-        add_own_effects<T, E>(backend, avatar, optical,
+        add_own_effects<T, E>(backend, avatar, optical.drivers,
                               {g.mean.leftCols(n), g.rotation.leftCols(n), scale.leftCols(n),
                                g.opacity.leftCols(n), g.feature.leftCols(n)},
                               trace.own);
     }
     if constexpr (has_effect<E, HeadPose>) {
-        trace.head = head_transform(optical);
+        trace.head = head_transform(optical.drivers);
         to_world(backend, trace.head, trace.face.scale, g);
         eye_gaussians<T>(backend, avatar.eyes, {config, optical, trace.code}, {trace.eyes, g, n},
                          trace.head);
@@ -171,11 +171,11 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
     const auto face_part = [&] {
         if constexpr (has_own_effects<E>)
             own_effects_vjp<T, E>(backend, avatar,
-                                  {optical_drivers(avatar.eyes, drivers), trace.own},
+                                  {optical_drivers(avatar.eyes, drivers).drivers, trace.own},
                                   first_columns(g, n), grad);
         face_vjp(backend, avatar.face, driven(), g, {grad.face, g_frame});
     };
-    const DrivenEyes<T, E> eyes{{config, drivers, trace.code}, trace.eyes, trace.gaussians, n};
+    const DrivenEyes<T, E> eyes{config, drivers, trace.code, trace.eyes, trace.gaussians, n};
     const auto eyes_vjp = [&](const auto& sums) {
         eye_vjp(backend, avatar.eyes, eyes, {g, sums, grad.eyes, g_frame});
     };

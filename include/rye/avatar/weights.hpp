@@ -16,7 +16,7 @@
 
 namespace rye {
 
-/// Which landmarks drive what; indices into the columns of the landmark array.
+/// Landmarks by what they drive, as columns of the landmark array.
 struct LandmarkRoles {
     std::vector<Index> expression;          ///< P_0: all but the eyes'
     std::array<std::vector<Index>, 2> eye;  ///< P_eye, left and right
@@ -145,7 +145,7 @@ void set_weights_vjp(const B& backend, const std::type_identity_t<LandmarkRamp<T
 
 } // namespace detail
 
-/// Whether lambda_pose is 1 - lambda_exp.
+/// True if lambda_pose is 1 - lambda_exp.
 template <EffectSet E>
 inline constexpr bool one_face_metric =
     std::same_as<PoseInfluenceOf<E>, ExpressionInfluenceOf<E>>;

@@ -30,10 +30,10 @@
 
 namespace rye {
 
-/// Whether a written file survives a power cut, or is only replaced as a whole.
+/// Durability of a written file: it survives a power cut, or is only replaced as a whole.
 enum class Durability { durable, atomic_only };
 
-/// A file that replaces another when it is committed. Throws Error, with the path, where the system
+/// File that replaces another when it is committed. Throws an Error, with the path, if the system
 /// refuses.
 class AtomicFile {
 public:
@@ -86,7 +86,7 @@ public:
     }
 
 private:
-    static constexpr int most_names = 1000;  // of temporary files of one target
+    static constexpr int most_names = 1000;  // temporary files of one target
 
     bool in_place() const { return temporary_.empty(); }
     static std::filesystem::path numbered(const std::filesystem::path& target, int i) {
@@ -94,14 +94,15 @@ private:
         name += ".tmp-" + std::to_string(i);
         return name;
     }
-    /// Whether the name refers to the open file: another process may have moved or removed it.
+    /// Returns true if the name refers to the open file: another process may have moved or
+    /// removed it.
     static bool names(const std::filesystem::path& name, int descriptor) {
         struct stat a {}, b {};
         return ::fstat(descriptor, &a) == 0 && ::lstat(name.c_str(), &b) == 0 &&
                a.st_dev == b.st_dev && a.st_ino == b.st_ino;
     }
-    /// Creates and locks the first temporary file that no running writer holds, and removes those
-    /// of ended ones.
+    /// Creates and locks the first temporary file that no running writer holds; removes those of
+    /// ended writers.
     void open_temporary() {
         for (int i = 0; i < most_names; ++i) {
             const std::filesystem::path name = numbered(target_, i);
@@ -113,7 +114,7 @@ private:
             descriptor_ = ::open(name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
             if (descriptor_ < 0 && errno == EEXIST) continue;
             if (descriptor_ < 0) fail_errno("cannot be written");
-            // Between the two calls another writer may have removed it as abandoned.
+            // Another writer may have removed it as abandoned since it was opened.
             const bool taken = ::flock(descriptor_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
             if (taken || !names(name, descriptor_)) {
                 ::close(std::exchange(descriptor_, -1));
@@ -125,8 +126,8 @@ private:
             fail("cannot be written: " + numbered(target_, 0).string() + " to " +
                  std::to_string(most_names - 1) + " exist already");
     }
-    /// Removes a temporary file that no running process holds; returns false if there is none. Its
-    /// owner renames it only under the lock, so under the lock the name stays the same file.
+    /// Removes a temporary file that no running process holds; returns false if there is none. The
+    /// owner renames it only under the lock, so under the lock the name refers to the same file.
     static bool remove_abandoned(const std::filesystem::path& name) {
         const int descriptor =
             ::open(name.c_str(), O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
@@ -179,11 +180,11 @@ private:
     }
 
     std::filesystem::path target_;
-    std::filesystem::path temporary_;  // empty: none to remove
+    std::filesystem::path temporary_;  // empty if there is none to remove
     int descriptor_ = -1;
 };
 
-/// Replaces a file by these bytes. Throws Error as AtomicFile does; the old file stays then.
+/// Replaces a file by these bytes. Throws an Error as AtomicFile does, which leaves the old file.
 inline void write_atomic(const std::filesystem::path& path, ByteSpan bytes,
                          Durability durability = Durability::durable) {
     AtomicFile file(path);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/capture/avatar_arrays.hpp: the arrays of an avatar file: networks and their shapes, the
-/// avatar's parameters by the names of a checkpoint, and the small arrays of what shows it.
+/// avatar's parameters under their checkpoint names, and the small arrays of the display settings.
 #pragma once
 
 #include <cmath>
@@ -12,8 +12,8 @@
 
 namespace rye::detail {
 
-/// Calls f(name, network, shape) for each network of an avatar, whose eyes' features the frame
-/// drives or not; names are those of its fields.
+/// Calls f(name, network, shape) for each network of an avatar, named after its fields.
+/// driven_eyes: true if the frame drives the eyes' features.
 template <class A, class F>
 void each_network(A& avatar, const AvatarConfig& c, bool driven_eyes, F&& f) {
     const NetworkConfig& n = c.networks;
@@ -49,7 +49,7 @@ void require_shape(const std::string& who, const A& a, Index rows, Index cols) {
             "), expected (", cols, ", ", rows, ")");
 }
 
-/// Throws Error unless the networks have the shapes that the settings state.
+/// Throws an Error unless the networks have the shapes that the settings state.
 template <class T>
 void check_networks(const std::string& who, const TrainedAvatar<T>& avatar,
                     const AvatarConfig& c) {
@@ -79,12 +79,13 @@ void check_networks(const std::string& who, const TrainedAvatar<T>& avatar,
     require_shape(who + ": upsampler.outc.conv.bias", u.out_bias, 3, 1);
 }
 
-/// Calls f(name, array, precise) for each array of an avatar that a file has: fields, then buffers.
+/// Calls f(name, array, precise) for each array of an avatar that a file stores: fields, then
+/// buffers.
 template <class A, class F>
 void avatar_arrays(A& avatar, F&& f) {
     using P = std::remove_const_t<A>;
     const auto visit = [&](const std::string& name, auto& a) {
-        // For training alone.
+        // Needed in training alone.
         if (name == "delta_poses" || name == "delta_gazes" || name == "eyes.spacing") return;
         f("avatar." + name, a, name.ends_with(".xyz") || name == "eyes.kappa");
     };
@@ -96,12 +97,12 @@ void avatar_arrays(A& avatar, F&& f) {
         avatar);
 }
 
-/// The small arrays of a file, in one place for both directions, in double.
+/// Small arrays of a file, in double, for writing and reading alike.
 struct AvatarScalars {
     Columns<double> pose, scale, gaze, expression, gaze_range, expression_range, lens, rotation,
         translation, background;
 
-    /// f(name, array, rows) with the number of rows; the file has shape (columns, rows).
+    /// Calls f(name, array, rows) with the number of rows; the file has shape (columns, rows).
     template <class F, class S>
     static void fields(F&& f, S& s) {
         f("neutral.expression", s.expression, 1);
@@ -135,7 +136,7 @@ AvatarScalars scalars_of(const PlayableAvatar<T>& p) {
     const Pinhole<double> c = p.camera.template cast<double>();
     s.lens.resize(7, 1);
     s.lens << c.fx, c.fy, c.cx, c.cy, c.width, c.height, c.near_depth;
-    s.rotation = c.camera_from_world.rotation.transpose(); // a row of it is a column of the file
+    s.rotation = c.camera_from_world.rotation.transpose(); // its rows are the file's columns
     s.translation = c.camera_from_world.translation;
     s.background = to(p.background.transpose());
     return s;

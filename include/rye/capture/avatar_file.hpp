@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/avatar_file.hpp: one file with a whole avatar to show: NAME.avatar. A safetensors
-/// file with format, version, settings and a checksum in its metadata; docs/runs.md has the
-/// tables. Positions are F32, the other parameters F16 or F32, so that a file is a few megabytes.
-/// Nothing in it depends on a path, a capture or a clock.
+/// rye/capture/avatar_file.hpp: one file with all that is needed to show an avatar: NAME.avatar, a
+/// safetensors file with format, version, settings and a checksum in its metadata; docs/runs.md has
+/// the tables. Positions are F32, the other parameters F16 or F32, so that a file is a few
+/// megabytes. Nothing in it depends on a path, a capture or a clock.
 #pragma once
 
 #include <array>
@@ -26,8 +26,8 @@ namespace rye {
 
 /// Name of the format in the file's metadata.
 inline constexpr const char* avatar_format = "rye-avatar";
-/// Version of the format that is written. Readers take version 1 too, whose avatars have no light
-/// and no driven eyes, and a kappa beside them.
+/// Version of the format that is written. Readers also accept version 1, whose avatars have no
+/// light and no driven eyes, and a separate kappa.
 inline constexpr const char* avatar_version = "2";
 
 /// How an avatar file stores parameters other than positions.
@@ -55,8 +55,8 @@ inline std::vector<std::string> parse_names(const std::string& text, const std::
     return names;
 }
 
-/// Whether a file has a part, by its word: off or on. Throws Error for another word, and where it
-/// has the part's first tensor though the word is off, or has not though it is on.
+/// Returns true if a file has a part, by its word: off or on. Throws an Error for another word, and
+/// if the part's first tensor is present with the word off or absent with the word on.
 inline bool has_part(const Safetensors& file, const std::string& who, const std::string& key,
                      const std::array<std::string, 2>& words, const std::string& tensor) {
     const std::string& word = file.word(key);
@@ -69,7 +69,7 @@ inline bool has_part(const Safetensors& file, const std::string& who, const std:
     return on;
 }
 
-/// A matrix that the file has as F32 or F16.
+/// Returns a matrix that the file stores as F32 or F16.
 template <class T>
 Columns<T> avatar_array(const Safetensors& file, const std::string& name) {
     if (file.at(name).type == TensorType::f16)
@@ -80,14 +80,14 @@ Columns<T> avatar_array(const Safetensors& file, const std::string& name) {
 } // namespace detail
 
 /// Replaces the file at `path` by one with this avatar; on failure leaves it unchanged and throws
-/// Error. The avatar is checked first (check_playable). Returns the bytes written.
+/// an Error. Checks the avatar first (check_playable). Returns the bytes written.
 template <Real T>
 std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvatar<T>& p,
                            AvatarPrecision precision = AvatarPrecision::half) {
     const std::string who = path.string() + ": not written";
     check_playable(who, p);
     detail::check_networks(who, p.avatar, p.config);
-    std::deque<Columns<float>> wide; // what the entries refer to
+    std::deque<Columns<float>> wide; // arrays that the entries refer to
     std::deque<Columns<Eigen::half>> narrow;
     std::deque<std::vector<std::int64_t>> lists;
     std::vector<TensorEntry> entries;
@@ -133,9 +133,9 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
     return bytes;
 }
 
-/// The avatar of a file's bytes. Throws Error("who: ...") for a file of another kind or version, a
-/// damaged one, and whatever check_playable refuses; nothing is allocated of a size that the
-/// settings state and the file does not have.
+/// Returns the avatar in a file's bytes. Throws an Error "who: ..." for a file of another kind or
+/// version, for a damaged one, and for whatever check_playable rejects; allocates nothing of a size
+/// that the settings state but the file does not have.
 template <Real T>
 PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     const Safetensors file = parse_safetensors(bytes, who);
@@ -162,7 +162,7 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
                                                    "avatar.eyes.left_appearance_mlp.conv0.weight");
     const bool light = !first && detail::has_part(file, who, "shading", {"none", "head_pose"},
                                                   "avatar.shading.light");
-    // Layers and parts without numbers, which the file's take the place of.
+    // Layers and parts without numbers, to be replaced by the file's.
     detail::each_network(p.avatar, p.config, driven,
                          [](const std::string&, auto& net, const MlpShape& s) {
                              net.shape = s;
@@ -224,7 +224,7 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     return p;
 }
 
-/// As parse_avatar, of the file at `path`, which the message names.
+/// Returns the avatar in a file. Throws an Error as parse_avatar does, with the path.
 template <Real T>
 PlayableAvatar<T> read_avatar(const std::filesystem::path& path) {
     return parse_avatar<T>(read_file(path), path.string());

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/avatar_settings.hpp: the settings of an avatar as the JSON object that an avatar
-/// file has in its metadata, and back. Names and units are those of AvatarConfig and
-/// UpsamplerShape.
+/// rye/capture/avatar_settings.hpp: conversion of an avatar's settings to and from the JSON object
+/// in an avatar file's metadata. Names and units are those of AvatarConfig and UpsamplerShape.
 #pragma once
 
 #include <cmath>
@@ -17,12 +16,12 @@
 
 namespace rye {
 
-/// What decides the shapes of an avatar's networks, and its influences.
+/// Settings of the shapes of an avatar's networks, and of its influences.
 struct AvatarSettings {
     AvatarConfig avatar;
     UpsamplerShape upsampler;
 
-    /// f(name, value, low, high) for each setting, with its bounds.
+    /// Calls f(name, value, low, high) for each setting, with its bounds.
     template <class F, class S>
     static void fields(F&& f, S& s) {
         auto& a = s.avatar;
@@ -57,7 +56,7 @@ struct AvatarSettings {
     }
 };
 
-/// A JSON object of one line.
+/// Returns the settings as a JSON object of one line.
 inline std::string settings_text(const AvatarSettings& settings) {
     std::string text = "{";
     const auto write = [&](const char* name, const auto& value, double, double) {
@@ -83,7 +82,7 @@ inline std::string settings_text(const AvatarSettings& settings) {
 
 namespace detail {
 
-/// One setting from its JSON; throws Error with its name, what was found and its bounds.
+/// Reads one setting from its JSON; throws an Error with its name, the value found and its bounds.
 struct SettingReader {
     const JsonValue& object;
     const std::string& who;
@@ -144,8 +143,8 @@ struct SettingReader {
 
 } // namespace detail
 
-/// Reads settings_text's JSON; throws Error with the name of the first setting that is missing, of
-/// another type or outside its bounds. Further members are ignored.
+/// Reads settings_text's JSON; throws an Error with the name of the first setting that is missing,
+/// of another type or outside its bounds. Further members are ignored.
 inline AvatarSettings parse_settings(const std::string& text, const std::string& who) {
     const JsonValue json = parse_json(text, who);
     require(json.get<JsonObject>() != nullptr, who, "expected an object");

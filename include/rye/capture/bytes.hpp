@@ -25,15 +25,15 @@ namespace rye {
 
 static_assert(std::endian::native == std::endian::little, "rye's readers assume little-endian");
 
-/// Bytes of a file.
+/// Contents of a file.
 using Bytes = std::vector<std::byte>;
-/// A view of bytes.
+/// View of bytes.
 using ByteSpan = std::span<const std::byte>;
 
 namespace detail {
 
-/// The size of a regular file [bytes]. Throws Error for pipes, devices and folders: opening a pipe
-/// without a writer would block.
+/// Returns the size of a regular file [bytes]. Throws an Error for pipes, devices and folders:
+/// opening a pipe without a writer would block.
 inline std::uint64_t regular_file_size(const std::filesystem::path& path) {
     const std::string who = path.string();
     std::error_code status;
@@ -47,7 +47,7 @@ inline std::uint64_t regular_file_size(const std::filesystem::path& path) {
 
 } // namespace detail
 
-/// The first bytes of a file, at most `most`; throws Error with its path.
+/// Returns the first bytes of a file, at most `most`; throws an Error with its path.
 inline Bytes read_beginning(const std::filesystem::path& path, std::size_t most) {
     const std::uint64_t size = detail::regular_file_size(path);
     Bytes bytes(static_cast<std::size_t>(std::min<std::uint64_t>(size, most)));
@@ -58,7 +58,8 @@ inline Bytes read_beginning(const std::filesystem::path& path, std::size_t most)
     return bytes;
 }
 
-/// The whole file; throws Error with its path. Rejects files above `max_bytes` without reading.
+/// Returns the whole file; throws an Error with its path. Rejects files above `max_bytes` without
+/// reading them.
 inline Bytes read_file(const std::filesystem::path& path, std::uint64_t max_bytes = 1ULL << 34U) {
     const std::string who = path.string();
     const std::uint64_t size = detail::regular_file_size(path);
@@ -72,16 +73,17 @@ inline Bytes read_file(const std::filesystem::path& path, std::uint64_t max_byte
     return bytes;
 }
 
-/// The bytes of a text, without a copy.
+/// Returns the bytes of a text, without a copy.
 inline ByteSpan as_bytes(std::string_view text) {
     return {reinterpret_cast<const std::byte*>(text.data()), text.size()};
 }
-/// The text of bytes, without a copy.
+/// Returns bytes as text, without a copy.
 inline std::string_view as_text(ByteSpan bytes) {
     return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-/// bytes[offset, offset + count); throws Error with `what` if that exceeds the bytes.
+/// Returns bytes[offset, offset + count); throws an Error with `what` if the range exceeds the
+/// bytes.
 inline ByteSpan slice(ByteSpan bytes, std::uint64_t offset, std::uint64_t count,
                       const std::string& who, const char* what) {
     if (offset > bytes.size() || count > bytes.size() - offset)
@@ -91,7 +93,7 @@ inline ByteSpan slice(ByteSpan bytes, std::uint64_t offset, std::uint64_t count,
     return bytes.subspan(static_cast<std::size_t>(offset), static_cast<std::size_t>(count));
 }
 
-/// The little-endian integer at an offset.
+/// Returns the little-endian integer at an offset; throws an Error with `what` beyond the end.
 template <class T>
     requires std::is_unsigned_v<T>
 T read_at(ByteSpan bytes, std::uint64_t offset, const std::string& who, const char* what) {
@@ -113,7 +115,7 @@ inline void append(Bytes& bytes, ByteSpan more) {
     bytes.insert(bytes.end(), more.begin(), more.end());
 }
 
-/// a * b; throws Error if the product does not fit 64 bits.
+/// Returns a * b; throws an Error if the product does not fit 64 bits.
 inline std::uint64_t checked_product(std::uint64_t a, std::uint64_t b, const std::string& who) {
     std::uint64_t product = 0;
     if (__builtin_mul_overflow(a, b, &product))
@@ -121,8 +123,8 @@ inline std::uint64_t checked_product(std::uint64_t a, std::uint64_t b, const std
     return product;
 }
 
-/// Size [bytes] of an array of these extents. The product of all extents other than 0 must fit an
-/// Index, so that extents can be multiplied in any order, with or without one of 0.
+/// Returns the size [bytes] of an array of these extents. The product of all extents other than 0
+/// must fit an Index, so that extents can be multiplied in any order, with or without those of 0.
 template <class Extents>
 std::uint64_t checked_size(const Extents& extents, std::uint64_t item, const std::string& who) {
     std::uint64_t size = item;

@@ -30,7 +30,7 @@ namespace rye {
 /// Data of one eye in one frame, from gaze.npz.
 struct CaptureEye {
     Vec3<double> optical = Vec3<double>::UnitZ();  ///< unit optical axis, head frame
-    std::optional<Vec3<double>> optical_world;     ///< the same in the world, where the file has it
+    std::optional<Vec3<double>> optical_world;     ///< the same in the world, if the file has it
     std::optional<Vec3<double>> visual;            ///< unit visual axis, head frame
     std::optional<Vec3<double>> centre;            ///< centre of rotation, world
     std::optional<Vec2<double>> kappa;             ///< optical - visual (yaw, pitch) [deg]
@@ -39,7 +39,7 @@ struct CaptureEye {
     std::optional<double> iris_plane;              ///< iris lies near centre + iris_plane * optical
 };
 
-/// One moment, common to all cameras.
+/// Moment common to all cameras.
 struct CaptureFrame {
     std::string id;                 ///< name of its folders
     std::vector<float> expression;  ///< exp_coeff, any width, the same in all frames
@@ -47,16 +47,22 @@ struct CaptureFrame {
     double scale = 1;                              ///< head to world
     Columns<double> landmarks;                     ///< 3 x 66, world: iBUG without 48 and 54
     Columns<double> vertices;                      ///< 3 x V, world; V may be 0
-    std::array<CaptureEye, 2> eyes;                ///< valid where has_gaze
+    std::array<CaptureEye, 2> eyes;                ///< valid if has_gaze
     bool has_gaze = false;                         ///< gaze.npz exists
     bool has_centres = false;                      ///< gaze.npz has both eye centres
 };
 
-/// One frame as seen by one camera. Paths of missing optional files are empty.
+/// Frame as seen by one camera. Paths of missing optional files are empty.
 struct CaptureView {
     Pinhole<double> camera;  ///< of the full-size image
     std::filesystem::path image, mask, eye_mask, visible;
     bool present = false;    ///< false: this camera missed this frame
+};
+
+/// Camera whose numbers are wrong, and the numbers that replace them.
+struct CorrectedCamera {
+    std::string camera;
+    Pinhole<double> wrong, right;
 };
 
 /// Content of an image file outside the mask.
@@ -80,22 +86,22 @@ struct CaptureContents {
     CaptureOptions options;                     ///< by which it was listed, and its frames are read
     std::string subject;                        ///< from capture.json, may be empty
     std::vector<std::string> camera_ids;
-    std::vector<std::string> expression_names;  ///< empty where capture.json does not name them
+    std::vector<std::string> expression_names;  ///< empty if capture.json does not name them
     std::vector<std::string> frames;            ///< of all lists, sorted
     std::vector<std::string> train, test, novel_gaze, independent_gaze;
     bool images_over_black = true;
-    std::string image_size;  ///< capture.json's, as JSON; empty where it has none
+    std::string image_size;  ///< capture.json's, as JSON; empty if it has none
 };
 
-/// The six landmarks around an eye, as columns of CaptureFrame::landmarks. In the order of iBUG
+/// Returns the six landmarks around an eye, as columns of CaptureFrame::landmarks. In iBUG's order
 /// the lids on the image's left, 36 to 41, are the subject's right eye.
 constexpr std::array<int, 6> eye_landmarks(int eye) {
     return eye == 0 ? std::array<int, 6>{42, 43, 44, 45, 46, 47}
                     : std::array<int, 6>{36, 37, 38, 39, 40, 41};
 }
 
-/// Returns the landmarks common to both of Gaussian Head Avatar's sets, 66 of 66 or 68: all but the
-/// lip corners 48 and 54. Throws Error that begins with `who` for another number.
+/// Returns the landmarks common to both of Gaussian Head Avatar's sets, 66 of 66 or 68: all except
+/// the lip corners 48 and 54. Throws an Error that begins with `who` for another number.
 inline Columns<double> common_landmarks(const Columns<double>& all, const std::string& who) {
     if (all.cols() == 66) return all;
     require(all.cols() == 68, who, "got ", all.cols(), " landmarks, expected 66 or 68");
@@ -104,33 +110,34 @@ inline Columns<double> common_landmarks(const Columns<double>& all, const std::s
     return kept;
 }
 
-/// A capture without its pixels: labels, cameras and names of files.
+/// Capture without its pixels: labels, cameras and names of files.
 struct CaptureLabels {
     std::filesystem::path folder;
     std::string subject;                      ///< from capture.json, may be empty
     std::vector<std::string> camera_ids;
-    std::vector<std::string> expression_names;  ///< empty where capture.json does not name them
+    std::vector<std::string> expression_names;  ///< empty if capture.json does not name them
     std::vector<CaptureFrame> frames;
     std::vector<CaptureView> views;           ///< frames x cameras, a frame's views adjacent
     std::vector<int> train, test, novel_gaze, independent_gaze;  ///< indices of frames
     int width = 0;                            ///< of the full-size images [px]
     int height = 0;
     bool images_over_black = true;            ///< of the files; image() is always over black
-    bool has_eye_masks = false;               ///< for every view that is present
-    /// Of each camera, factors of the linear light of red, green and blue, which image() takes out;
-    /// empty: none is known.
+    bool has_eye_masks = false;               ///< true if every present view has one
+    /// Factors of the linear light of red, green and blue for each camera, which image() removes;
+    /// empty if unknown.
     std::vector<Vec3<double>> camera_gains;
+    std::vector<CorrectedCamera> corrected_cameras; ///< replaced where views had the wrong numbers
 
     int frame_count() const { return static_cast<int>(frames.size()); }
     int camera_count() const { return static_cast<int>(camera_ids.size()); }
     int expression_width() const {
         return frames.empty() ? 0 : static_cast<int>(frames.front().expression.size());
     }
-    /// Whether every frame has gazes.
+    /// Returns true if every frame has gazes.
     bool has_gaze() const {
         return std::all_of(frames.begin(), frames.end(), [](const auto& f) { return f.has_gaze; });
     }
-    /// Whether every frame has the centres of both eyes.
+    /// Returns true if every frame has the centres of both eyes.
     bool has_centres() const {
         return std::all_of(frames.begin(), frames.end(),
                            [](const auto& f) { return f.has_centres; });
@@ -146,7 +153,7 @@ struct CaptureLabels {
                      static_cast<std::size_t>(camera)];
     }
     const Pinhole<double>& camera(int f, int c) const { return view(f, c).camera; }
-    /// Returns a view; throws Error where the camera missed the frame.
+    /// Returns a view; throws an Error if the camera missed the frame.
     const CaptureView& present_view(int f, int c) const {
         const CaptureView& v = view(f, c);
         require(v.present, folder.string(), "camera ", camera_ids[static_cast<std::size_t>(c)],
@@ -165,7 +172,7 @@ concept PictureReader = requires(P& pictures, const std::filesystem::path& path)
 
 namespace detail {
 
-/// Takes a camera's gains out of a picture of 8 bits.
+/// Divides a picture of 8 bits by a camera's gains, in linear light.
 inline void take_out(const Vec3<double>& gains, Image<float>& rgb) {
     std::array<std::array<float, 256>, 3> table{};
     for (std::size_t c = 0; c < 3; ++c)
@@ -183,7 +190,7 @@ inline void take_out(const Vec3<double>& gains, Image<float>& rgb) {
 
 } // namespace detail
 
-/// A capture whose images are decoded on demand by P: not for concurrent use by several threads.
+/// Capture whose images are decoded on demand by P: not for concurrent use by several threads.
 template <PictureReader P>
 struct CaptureOf : CaptureLabels {
     mutable P pictures{};
@@ -192,7 +199,8 @@ struct CaptureOf : CaptureLabels {
     CaptureOf(CaptureLabels labels, P reader)
         : CaptureLabels(std::move(labels)), pictures(std::move(reader)) {}
 
-    /// 3 channels in [0, 1], sRGB as stored, premultiplied over black: add (1 - mask) * background.
+    /// Returns 3 channels in [0, 1], sRGB as stored, premultiplied over black: add (1 - mask) *
+    /// background.
     Image<float> image(int frame, int camera) const {
         Image<float> rgb = to_float(pictures.read(present_view(frame, camera).image, 3));
         if (!camera_gains.empty())
@@ -203,11 +211,12 @@ struct CaptureOf : CaptureLabels {
         }
         return rgb;
     }
-    /// 1 channel in [0, 1]: coverage of the pixel by the subject.
+    /// Returns 1 channel in [0, 1]: coverage of the pixel by the subject.
     Image<float> mask(int frame, int camera) const {
         return to_float(pictures.read(present_view(frame, camera).mask, 1));
     }
-    /// 2 channels, 0 or 1: pixels of the visible left and right eyeball; zeros without an eye mask.
+    /// Returns 2 channels, 0 or 1: pixels of the visible left and right eyeball; zeros without an
+    /// eye mask.
     Image<float> eye_mask(int frame, int camera) const {
         const CaptureView& v = present_view(frame, camera);
         Image<float> eyes(width, height, 2);
@@ -221,7 +230,7 @@ struct CaptureOf : CaptureLabels {
         }
         return eyes;
     }
-    /// 1 channel in [0, 1]: 0 where the image is padded; ones without a visible file.
+    /// Returns 1 channel in [0, 1]: 0 where the image is padded; ones without a visible file.
     Image<float> visible(int frame, int camera) const {
         const CaptureView& v = present_view(frame, camera);
         if (v.visible.empty()) return Image<float>(width, height, 1, 1.0f);

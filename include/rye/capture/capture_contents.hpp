@@ -177,7 +177,7 @@ inline CaptureContents list_contents(const std::filesystem::path& folder,
 
 } // namespace detail
 
-/// Lists a capture. Throws Error if capture.json or the folder is not that of a capture.
+/// Lists a capture. Throws an Error if capture.json or the folder is not that of a capture.
 inline CaptureContents capture_contents(const std::filesystem::path& folder,
                                         const CaptureOptions& options = {}) {
     CaptureContents contents;

@@ -108,7 +108,7 @@ inline CaptureEye read_eye(const NamedArrays& file, std::size_t e) {
     return eye;
 }
 
-/// Returns the intrinsic matrix of a camera's file; throws Error where it is no pinhole's.
+/// Returns the intrinsic matrix of a camera's file; throws an Error if it is no pinhole's.
 inline Mat3<double> read_intrinsic(const NamedArrays& file) {
     const std::vector<double> v = file.get("intrinsic", {9});
     file.require_shape("intrinsic", {3, 3});
@@ -133,7 +133,7 @@ inline Mat3<double> read_intrinsic(const NamedArrays& file) {
     return k;
 }
 
-/// Returns world to camera; a last row (0 0 0 1) is optional. Throws Error where it is no rotation.
+/// Returns world to camera; a last row (0 0 0 1) is optional. Throws an Error for no rotation.
 inline Rigid<double> read_extrinsic(const NamedArrays& file) {
     const std::vector<double> m = file.get("extrinsic", {12, 16});
     file.require_shape("extrinsic", {m.size() == 12 ? 3 : 4, 4});
@@ -153,7 +153,7 @@ inline Rigid<double> read_extrinsic(const NamedArrays& file) {
 } // namespace detail
 
 /// Reads the labels of a frame from its folder params/<frame>. An npz may take so much memory
-/// [bytes]. Throws Error for what is missing or wrong.
+/// [bytes]. Throws an Error for what is missing or wrong.
 inline CaptureFrame read_capture_labels(const std::filesystem::path& params, const std::string& id,
                                         std::uint64_t memory = default_memory) {
     CaptureFrame frame;
@@ -181,10 +181,9 @@ inline CaptureFrame read_capture_labels(const std::filesystem::path& params, con
     return frame;
 }
 
-/// Reads a camera; the size of its image is in another file and stays 0. Throws Error for what is
-/// missing or wrong.
-inline Pinhole<double> read_capture_camera(const std::filesystem::path& path,
-                                           std::uint64_t memory = default_memory) {
+/// Reads a camera_<name>.npz; its size is not in it. Throws an Error that names file and field.
+inline Pinhole<double> read_view_camera(const std::filesystem::path& path,
+                                        std::uint64_t memory = default_memory) {
     const detail::NamedArrays file(path, memory);
     const Mat3<double> k = detail::read_intrinsic(file);
     Pinhole<double> camera;

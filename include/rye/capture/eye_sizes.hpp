@@ -35,7 +35,7 @@ BasicEyeballShape<E> eyeball_shape(const EyeSizes& sizes) {
     return shape;
 }
 
-/// Throws Error, with `who` first, if these sizes make no eyeball.
+/// Throws an Error, with `who` first, if these sizes make no eyeball.
 inline void require_eyeball(const EyeSizes& sizes, const std::string& who) {
     try {
         for (const double x : {sizes.radius, sizes.limbus_radius, sizes.iris_plane})

@@ -2,8 +2,8 @@
 /// rye/capture/glb.hpp: Gaussians as a binary glTF 2.0 file with KHR_gaussian_splatting: points
 /// with POSITION, rotation (x, y, z, w), scale (a standard deviation), opacity (0..1) and a VEC3 of
 /// red, green, blue for each harmonic, all floats, so nothing is rounded. Axes of glTF: x right, y
-/// up, z toward the viewer; clouds have those of a PLY, and are turned by half a turn about x.
-/// Written only: glTF files in general are beyond this toolkit.
+/// up, z toward the viewer; clouds have those of a PLY, and are rotated by half a turn about x.
+/// There is no reader: glTF files in general are beyond this toolkit.
 /// Source: glTF 2.0 specification, 4.4; KHR_gaussian_splatting, release candidate of 2026.
 #pragma once
 
@@ -18,13 +18,13 @@ namespace rye {
 
 namespace detail {
 
-/// The arrays of the file and the text that describes them, which grow together.
+/// Arrays of the file and the text that describes them, which grow together.
 struct GlbArrays {
     Bytes data;
     std::string attributes, accessors, views;
     int count = 0;
 
-    /// N columns of 1, 3 or 4 floats; `bounds` is empty or ,"min":[..],"max":[..].
+    /// Adds N columns of 1, 3 or 4 floats; `bounds` is empty or ,"min":[..],"max":[..].
     void add(const std::string& name, const Columns<float>& a, const std::string& bounds = "") {
         const std::string comma = count == 0 ? "" : ",", index = std::to_string(count);
         const char* const kind = a.rows() == 1 ? "SCALAR" : a.rows() == 3 ? "VEC3" : "VEC4";
@@ -50,8 +50,9 @@ Columns<float> glb_floats(const char* field, const Columns<T>& a) {
 
 } // namespace detail
 
-/// The bytes of a GLB file of one scene with one cloud. Throws Error for an empty cloud (glTF has
-/// no empty arrays), harmonics of degree 4, numbers that are not finite, and 4 GiB or more.
+/// Returns the bytes of a GLB file of one scene with one cloud. Throws an Error for an empty cloud
+/// (glTF has no empty arrays), harmonics of degree 4, numbers that are not finite, and 4 GiB or
+/// more.
 template <Real T>
 Bytes glb_bytes(const GaussianCloud<T>& cloud) {
     const std::string who = "glb_bytes";

@@ -14,10 +14,10 @@
 
 namespace rye {
 
-/// Makes a raw deflate stream (RFC 1951, without zlib's header) of some bytes.
+/// Function from bytes to a raw deflate stream (RFC 1951, without zlib's header).
 using Deflate = std::function<Bytes(ByteSpan)>;
 
-/// A deflate stream of stored blocks: 5 bytes more for every 65535, no compression.
+/// Returns a deflate stream of stored blocks: no compression, 5 more bytes for every 65535.
 inline Bytes stored_deflate(ByteSpan raw) {
     constexpr std::size_t longest = 65535;
     Bytes out;
@@ -34,12 +34,12 @@ inline Bytes stored_deflate(ByteSpan raw) {
     return out;
 }
 
-/// Whether bytes begin as a gzip file.
+/// Returns true if bytes begin as a gzip file.
 inline bool is_gzip(ByteSpan bytes) {
     return bytes.size() >= 2 && bytes[0] == std::byte(0x1F) && bytes[1] == std::byte(0x8B);
 }
 
-/// A gzip file of `raw`; throws Error from 4 GiB on, whose size the format does not hold.
+/// Returns a gzip file of `raw`; throws an Error from 4 GiB on, whose size the format cannot hold.
 inline Bytes gzip_bytes(ByteSpan raw, const Deflate& deflate = stored_deflate) {
     require(std::uint64_t{raw.size()} < (std::uint64_t(1) << 32U), "gzip_bytes", "got ", raw.size(),
             " bytes, expected fewer than 2^32");
@@ -52,15 +52,15 @@ inline Bytes gzip_bytes(ByteSpan raw, const Deflate& deflate = stored_deflate) {
     return out;
 }
 
-/// What a gzip file of one member holds, packed.
+/// Packed contents of a gzip file of one member.
 struct GzipContents {
     ByteSpan deflated;
     std::uint32_t crc = 0;  ///< of the data
     std::uint32_t size = 0; ///< of the data, as the file states it [bytes]
 };
 
-/// Finds the data of a gzip file; messages begin with `who`. Throws Error for another format and
-/// for truncation.
+/// Finds the data of a gzip file; messages begin with `who`. Throws an Error for another format or
+/// truncation.
 inline GzipContents gzip_contents(ByteSpan file, const std::string& who) {
     require(is_gzip(file), who, "not a gzip file: it does not begin with the bytes 1f 8b");
     const auto method = read_at<std::uint8_t>(file, 2, who, "the gzip header");
@@ -83,8 +83,8 @@ inline GzipContents gzip_contents(ByteSpan file, const std::string& who) {
         crc, size};
 }
 
-/// The data of gzip_contents. Throws Error for a wrong size or checksum, and for data of more bytes
-/// than `memory`, before they are allocated.
+/// Returns the unpacked data of gzip_contents. Throws an Error for a wrong size or checksum, and,
+/// before they are allocated, for data of more than `memory` bytes.
 inline Bytes gunzip(const GzipContents& contents, const std::string& who,
                     std::uint64_t memory = default_memory) {
     require_inflatable(contents.deflated, contents.size, who);
@@ -95,7 +95,8 @@ inline Bytes gunzip(const GzipContents& contents, const std::string& who,
     return raw;
 }
 
-/// The data of a gzip file of one member; throws Error as gzip_contents and gunzip above do.
+/// Returns the data of a gzip file of one member; throws an Error as gzip_contents and the other
+/// overload do.
 inline Bytes gunzip(ByteSpan file, const std::string& who, std::uint64_t memory = default_memory) {
     return gunzip(gzip_contents(file, who), who, memory);
 }

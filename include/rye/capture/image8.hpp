@@ -14,7 +14,7 @@
 
 namespace rye {
 
-/// An image as stored in the file: row by row, channels interleaved.
+/// Image as stored in the file: row by row, channels interleaved.
 struct Image8 {
     int width = 0;                     ///< [px]
     int height = 0;                    ///< [px]
@@ -22,7 +22,7 @@ struct Image8 {
     std::vector<std::uint8_t> values;  ///< channels * width * height
 };
 
-/// Size and channels, from the header only.
+/// Size and channels, from the header alone.
 struct ImageHeader {
     int width = 0, height = 0, channels = 0;
 };
@@ -30,7 +30,7 @@ struct ImageHeader {
 /// Largest side of an image that is read [px]; larger headers are rejected before decoding.
 inline constexpr int max_image_edge = 16384;
 
-/// Throws Error, which begins with `who`, unless both sides are 1 to max_image_edge.
+/// Throws an Error, which begins with `who`, unless both sides are 1 to max_image_edge.
 inline void check_image_size(const ImageHeader& h, const std::string& who) {
     require(h.width > 0 && h.height > 0 && h.width <= max_image_edge && h.height <= max_image_edge,
             who, "got an image of ", h.width, " x ", h.height, " pixels, expected 1 to ",

@@ -17,12 +17,12 @@ namespace rye {
 
 namespace detail {
 
-/// A canonical Huffman code: number of codes of each length, and their symbols in order.
+/// Canonical Huffman code: number of codes of each length, and their symbols in order.
 struct HuffmanCode {
     std::array<std::uint16_t, 16> count{};
     std::array<std::uint16_t, 288> symbol{};
 
-    /// Returns false if the lengths are over-subscribed or incomplete.
+    /// Builds the code; returns false if the lengths are over-subscribed or incomplete.
     bool build(const std::uint8_t* lengths, int n) {
         count.fill(0);
         for (int i = 0; i < n; ++i) ++count[lengths[i]];
@@ -41,7 +41,7 @@ struct HuffmanCode {
     }
 };
 
-/// Whether a stream holds exactly the size that is asked for, or goes on beyond it.
+/// Expected length of a stream: exactly the requested size, or at least that.
 enum class Inflate { whole, beginning };
 
 class Inflater {
@@ -199,20 +199,20 @@ private:
 /// Largest ratio of deflate; a header that states more is invalid.
 inline constexpr std::uint64_t max_deflate_ratio = 1032;
 
-/// Throws Error if no deflate stream of so many bytes has data of the declared size.
+/// Throws an Error if no deflate stream of this length can hold data of the declared size.
 inline void require_inflatable(ByteSpan compressed, std::uint64_t size, const std::string& who) {
     require(size <= compressed.size() * max_deflate_ratio + 64, who, compressed.size(),
             " compressed bytes cannot hold the declared ", size);
 }
 
-/// Decompresses a raw deflate stream to exactly `size` bytes; throws Error otherwise.
+/// Decompresses a raw deflate stream to exactly `size` bytes; throws an Error otherwise.
 inline Bytes inflate(ByteSpan compressed, std::uint64_t size, const std::string& who) {
     require_inflatable(compressed, size, who);
     return detail::Inflater(compressed, static_cast<std::size_t>(size), detail::Inflate::whole, who)
         .run();
 }
 
-/// The first `size` bytes of a raw deflate stream; throws Error if it has fewer.
+/// Returns the first `size` bytes of a raw deflate stream; throws an Error if it has fewer.
 inline Bytes inflate_beginning(ByteSpan compressed, std::size_t size, const std::string& who) {
     return detail::Inflater(compressed, size, detail::Inflate::beginning, who).run();
 }

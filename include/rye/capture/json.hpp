@@ -31,7 +31,7 @@ using JsonArray = std::vector<JsonValue>;
 /// Members in the order of the text.
 using JsonObject = std::vector<JsonMember>;
 
-/// Any JSON value.
+/// JSON value.
 struct JsonValue {
     /// Integers that fit 64 bits are kept exact.
     std::variant<std::nullptr_t, bool, std::int64_t, double, std::string, JsonArray, JsonObject>
@@ -41,11 +41,11 @@ struct JsonValue {
     const T* get() const {
         return std::get_if<T>(&value);
     }
-    /// The member of an object, or null.
+    /// Returns the member of an object, or null.
     const JsonValue* find(std::string_view name) const;
 };
 
-/// A name and its value.
+/// Name and value of an object's member.
 struct JsonMember {
     std::string name;
     JsonValue value;
@@ -78,7 +78,7 @@ private:
     [[noreturn]] void fail(const std::string& message) const {
         throw Error(who_ + ": JSON at byte " + std::to_string(at_) + ": " + message);
     }
-    /// Counts memory before it is taken; lists grow to twice what they hold.
+    /// Counts memory before it is allocated; lists grow to twice their size.
     void count(std::uint64_t bytes) {
         used_ += bytes;
         if (used_ > memory_)
@@ -151,7 +151,7 @@ private:
         expect(']');
         return items;
     }
-    /// -? (0 | [1-9][0-9]*) (.[0-9]+)? ([eE][+-]?[0-9]+)?
+    /// Parses -? (0 | [1-9][0-9]*) (.[0-9]+)? ([eE][+-]?[0-9]+)?
     JsonValue number() {
         const std::size_t start = at_;
         const auto digits = [&] {
@@ -251,14 +251,14 @@ private:
 
 } // namespace detail
 
-/// Parses the whole text; errors begin with `who`. Throws Error before its values take more bytes
-/// than `memory`.
+/// Parses the whole text; errors begin with `who`. Throws an Error before its values take more
+/// bytes than `memory`.
 inline JsonValue parse_json(std::string_view text, const std::string& who,
                             std::uint64_t memory = default_memory / 8) {
     return detail::JsonParser(text, who, memory).parse();
 }
 
-/// The string quoted and escaped.
+/// Returns the string quoted and escaped.
 inline std::string json_string(std::string_view s) {
     static constexpr std::string_view hex = "0123456789abcdef";
     std::string out = "\"";
@@ -290,8 +290,8 @@ inline std::string json_text(const JsonValue& value) {
     return "null";
 }
 
-/// Throws Error, which begins with `who`, for a text that is not UTF-8. parse_json takes any bytes
-/// in strings.
+/// Throws an Error, which begins with `who`, for a text that is not UTF-8. parse_json takes any
+/// bytes in strings.
 inline void require_utf8(std::string_view text, const std::string& who) {
     const auto byte = [&](std::size_t i) {
         return i < text.size() ? static_cast<unsigned char>(text[i]) : 0U;

@@ -12,8 +12,9 @@
 
 namespace rye {
 
-/// Fills weights, whose shapes are expected, from a file that `who` names. Throws Error for a
-/// missing array, another shape, and numbers that are not finite or negative where none may be.
+/// Fills weights, which have the expected shapes, from a file that `who` names. Throws an Error for
+/// a missing array, another shape, numbers that are not finite, and negative ones where none
+/// may be.
 template <Real T>
 void load_lpips_weights(const Safetensors& file, const std::string& who, LpipsWeights<T>& weights) {
     LpipsWeights<T>::fields(
@@ -30,7 +31,7 @@ void load_lpips_weights(const Safetensors& file, const std::string& who, LpipsWe
         weights);
 }
 
-/// Reads the weights that cmake/convert_lpips_weights.py writes. Throws Error as
+/// Reads the weights that cmake/convert_lpips_weights.py writes. Throws an Error as
 /// load_lpips_weights does.
 template <Real T>
 LpipsWeights<T> read_lpips_weights(const std::filesystem::path& path) {

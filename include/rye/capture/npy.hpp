@@ -28,7 +28,7 @@
 
 namespace rye {
 
-/// "(68, 3)", as NumPy prints a shape.
+/// Returns a shape as NumPy prints it, such as "(68, 3)".
 inline std::string shape_text(const std::vector<Index>& shape) {
     std::string text = "(";
     for (std::size_t i = 0; i < shape.size(); ++i)
@@ -36,11 +36,11 @@ inline std::string shape_text(const std::vector<Index>& shape) {
     return text + (shape.size() == 1 ? ",)" : ")");
 }
 
-/// An array of numbers, little-endian in C order (last index fastest).
+/// Array of numbers, little-endian in C order (last index fastest).
 struct NpyArray {
     char kind = 'f';           ///< b bool, i signed, u unsigned, f float
     int item_size = 8;         ///< [bytes]
-    std::vector<Index> shape;  ///< (): a single number
+    std::vector<Index> shape;  ///< empty for a single number
     Bytes bytes;
 
     Index size() const {
@@ -50,7 +50,8 @@ struct NpyArray {
     }
     std::string type() const { return std::string(1, kind) + std::to_string(item_size); }
 
-    /// The converted numbers; throws Error, with `who` first, for one that does not fit T.
+    /// Returns the converted numbers; throws an Error, with `who` first, for one that does not
+    /// fit T.
     template <class T>
     std::vector<T> values(const std::string& who) const;
 };
@@ -63,7 +64,7 @@ namespace detail {
 struct NpyHeader {
     bool swapped = false;
     bool fortran = false;
-    NpyArray array;  // without bytes
+    NpyArray array;  // without data
 };
 
 /// Parses the dict {'descr': '<f4', 'fortran_order': False, 'shape': (68, 3), }.
@@ -167,7 +168,7 @@ private:
     NpyHeader header_;
 };
 
-/// Reorders from first index fastest to last index fastest.
+/// Returns data reordered from first index fastest to last index fastest.
 inline Bytes c_order(ByteSpan data, const std::vector<Index>& shape, std::size_t item) {
     Bytes out(data.size());
     std::vector<Index> index(shape.size(), 0);
@@ -216,7 +217,7 @@ inline NpyArray parse_npy(ByteSpan bytes, const std::string& who) {
     return array;
 }
 
-/// Reads an npy file. Throws Error as parse_npy does, with the path.
+/// Reads an npy file. Throws an Error as parse_npy does, with the path.
 inline NpyArray read_npy(const std::filesystem::path& path) {
     return parse_npy(read_file(path), path.string());
 }
@@ -259,7 +260,7 @@ std::vector<T> NpyArray::values(const std::string& who) const {
     return out;
 }
 
-/// An array of the given numbers.
+/// Returns an array of the given numbers.
 template <class T>
     requires std::is_arithmetic_v<T>
 NpyArray npy_array(std::vector<Index> shape, std::span<const T> values) {
@@ -276,14 +277,14 @@ NpyArray npy_array(std::vector<Index> shape, std::span<const T> values) {
     return array;
 }
 
-/// Shape (N, D) from D x N columns.
+/// Returns an array of shape (N, D) with D x N columns.
 template <class T>
 NpyArray npy_array(const Columns<T>& columns) {
     return npy_array<T>({columns.cols(), columns.rows()},
                         {columns.data(), static_cast<std::size_t>(columns.size())});
 }
 
-/// The bytes of a .npy file, version 1, data on a multiple of 64 bytes as NumPy writes it.
+/// Returns the bytes of a .npy file, version 1, data at a multiple of 64 bytes as NumPy writes it.
 inline Bytes npy_bytes(const NpyArray& array) {
     std::string header = std::string("{'descr': '") + (array.item_size == 1 ? '|' : '<') +
                          array.type() + "', 'fortran_order': False, 'shape': " +

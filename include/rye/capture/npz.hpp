@@ -109,7 +109,8 @@ inline std::vector<ZipMember> read_zip_directory(ByteSpan zip, const std::string
         at += 46 + std::uint64_t(name) + extra + comment;
         members.push_back(std::move(m));
     }
-    // No checksum covers the directory: its number of entries and their names are stated twice.
+    // No checksum covers the directory, but the number of its entries and their names are stored
+    // twice.
     require(at - directory.offset == directory.size, who, "its zip directory has ",
             at - directory.offset, " bytes, expected ", directory.size);
     return members;
@@ -131,7 +132,7 @@ inline ZipExtent zip_extent(ByteSpan zip, const ZipMember& m, const std::string&
     return {m.header, data, data + m.packed};
 }
 
-/// Checks that the local header, which no checksum covers, has the name that the directory has.
+/// Throws an Error unless the local header, which no checksum covers, has the directory's name.
 inline void require_same_name(ByteSpan zip, const ZipMember& m, const std::string& who) {
     const char* what = "a zip local header";
     const auto length = read_at<std::uint16_t>(zip, m.header + 26, who, what);
@@ -139,7 +140,7 @@ inline void require_same_name(ByteSpan zip, const ZipMember& m, const std::strin
             "its zip local header has another name: the file is damaged");
 }
 
-/// Members must not share bytes: otherwise a small file could unpack to any size.
+/// Throws an Error if members share bytes: a small file could then unpack to any size.
 inline void require_apart(const std::vector<ZipMember>& members, std::vector<ZipExtent> extents,
                           const std::string& who) {
     std::sort(extents.begin(), extents.end(),
@@ -149,7 +150,7 @@ inline void require_apart(const std::vector<ZipMember>& members, std::vector<Zip
                 " members overlap at byte ", extents[i].begin);
 }
 
-/// Memory of the arrays of a file that are there, and its limit [bytes].
+/// Memory of a file's arrays read so far, and its limit [bytes].
 struct NpzMemory {
     std::uint64_t held = 0, most = 0;
 };
@@ -172,8 +173,8 @@ inline NpyArray unpack_npy(ByteSpan packed, const ZipMember& m, NpzMemory& memor
 
 } // namespace detail
 
-/// Parses the bytes of a .npz file; errors begin with `who`. Throws Error before its arrays, with
-/// the one that is being unpacked, take more bytes than `memory`.
+/// Parses the bytes of a .npz file; errors begin with `who`. Throws an Error before its arrays,
+/// including the one being unpacked, take more bytes than `memory`.
 inline NpzArrays parse_npz(ByteSpan zip, const std::string& who,
                            std::uint64_t memory = default_memory) {
     NpzArrays arrays;
@@ -197,13 +198,13 @@ inline NpzArrays parse_npz(ByteSpan zip, const std::string& who,
     return arrays;
 }
 
-/// Reads the arrays of an npz file. Throws Error as parse_npz does, with the path.
+/// Reads the arrays of an npz file. Throws an Error as parse_npz does, with the path.
 inline NpzArrays read_npz(const std::filesystem::path& path,
                           std::uint64_t memory = default_memory) {
     return parse_npz(read_file(path), path.string(), memory);
 }
 
-/// The bytes of a .npz file, stored, with a fixed date (1980-01-01), so that equal arrays
+/// Returns the bytes of a .npz file, stored, with a fixed date (1980-01-01), so that equal arrays
 /// give equal files.
 inline Bytes npz_bytes(const NpzArrays& arrays) {
     using U16 = std::uint16_t;

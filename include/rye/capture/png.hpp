@@ -122,8 +122,8 @@ inline int png_prediction(int filter, int left, int above, int corner) {
 
 } // namespace detail
 
-/// Decodes a PNG; errors begin with `who`. Throws Error for one that is damaged, of a kind that is
-/// not read here, or whose pixels would take more bytes than `memory`.
+/// Decodes a PNG; errors begin with `who`. Throws an Error for one that is damaged, of a kind that
+/// is not read here, or whose pixels would take more bytes than `memory`.
 inline Image8 parse_png(ByteSpan file, const std::string& who,
                         std::uint64_t memory = default_memory) {
     const detail::PngChunks png(file, who, false);

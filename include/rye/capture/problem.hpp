@@ -17,7 +17,7 @@ struct Problem {
     std::string message;
 };
 
-/// Destination of faults: a list, or an exception where there is none.
+/// Destination of faults: a list, or else an exception.
 class Faults {
   public:
     explicit Faults(std::vector<Problem>* list) : list_(list) {}

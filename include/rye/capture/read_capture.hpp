@@ -29,7 +29,7 @@ struct FrameOfCameras {
 
 namespace detail {
 
-/// Returns the header of a picture, or throws Error.
+/// Returns the header of a picture, or throws an Error.
 using PictureHeader = std::function<ImageHeader(const std::filesystem::path&)>;
 
 /// Reads frames into labels, whose contents are set.
@@ -132,7 +132,7 @@ class LabelsReader {
             faults_.error(missing("mask_", ".png or .jpg") +
                           ", expected the subject's mask, as matting programs make it");
         bool whole = !view.image.empty() && !view.mask.empty();
-        whole &= faults_.attempt([&] { view.camera = read_capture_camera(camera_file, memory_); });
+        whole &= faults_.attempt([&] { view.camera = read_view_camera(camera_file, memory_); });
         if (!view.image.empty()) whole &= faults_.attempt([&] { take_size(view.image); });
         for (const std::filesystem::path* path :
              {&view.image, &view.mask, &view.eye_mask, &view.visible})
@@ -248,8 +248,8 @@ CaptureOf<P> read_capture_frame(const CaptureContents& contents, const FrameOfCa
     return {std::move(labels), std::move(pictures)};
 }
 
-/// Reads everything but the pixels. Without `problems` throws the first fault as an Error;
-/// otherwise adds every fault to the list and returns what could be read.
+/// Reads everything except the pixels. Without `problems` throws the first fault as an Error;
+/// otherwise adds every fault to the list and returns the rest.
 template <PictureReader P>
 CaptureOf<P> read_capture(const std::filesystem::path& folder, P pictures,
                           const CaptureOptions& options = {},

@@ -2,7 +2,7 @@
 /// rye/capture/safetensors.hpp: named arrays in one file, in the format of Hugging Face.
 /// Layout: u64 header length; JSON header, padded with spaces to 8 bytes; the arrays, C order,
 /// without holes or overlaps. An array of shape (N, D) is a Columns of D x N.
-/// A file that rye writes has a checksum in its metadata; a reader refuses one that is wrong.
+/// Files written by rye have a checksum in their metadata; the reader rejects a wrong one.
 /// Source: github.com/huggingface/safetensors; rejects the same faults as its reference reader.
 #pragma once
 
@@ -40,14 +40,14 @@ struct TensorTypeInfo {
     const char* name;
     std::size_t size;  ///< [bytes]
 };
-/// Name and size of a type.
+/// Returns the name and size of a type.
 constexpr TensorTypeInfo info_of(TensorType type) {
     constexpr std::array<TensorTypeInfo, tensor_types> infos{
         {{"F64", 8}, {"F32", 4}, {"I64", 8}, {"U8", 1}, {"F16", 2}}};
     return infos[static_cast<std::size_t>(type)];
 }
 
-/// The type of tensors of T.
+/// Returns the type of tensors of T.
 template <class T>
 constexpr TensorType tensor_type() {
     if constexpr (std::is_same_v<T, double>) return TensorType::f64;
@@ -61,20 +61,20 @@ constexpr TensorType tensor_type() {
     }
 }
 
-/// A named array that refers to memory held elsewhere.
+/// Named array in memory held elsewhere.
 struct TensorEntry {
     std::string name;
     TensorType type = TensorType::f32;
-    std::vector<Index> shape;  ///< () is one number
+    std::vector<Index> shape;  ///< empty for one number
     ByteSpan bytes;            ///< C order
 };
 
-/// Refers to `values`, which must outlive the entry.
+/// Returns an entry for `values`, which must outlive it.
 template <class T>
 TensorEntry tensor_entry(std::string name, std::vector<Index> shape, std::span<const T> values) {
     return {std::move(name), tensor_type<T>(), std::move(shape), std::as_bytes(values)};
 }
-/// D x N columns as shape (N, D); they must outlive the entry.
+/// Returns an entry of shape (N, D) for D x N columns, which must outlive it.
 template <class T>
 TensorEntry tensor_entry(std::string name, const Columns<T>& columns) {
     return tensor_entry<T>(std::move(name), {columns.cols(), columns.rows()},
@@ -84,12 +84,12 @@ TensorEntry tensor_entry(std::string name, const Columns<T>& columns) {
 /// String metadata by key.
 using TensorMetadata = std::map<std::string, std::string>;
 
-/// Metadata key of a file's checksum, which the writer gives and the reader takes away.
+/// Metadata key of a file's checksum, which the writer adds and the reader removes.
 inline constexpr const char* checksum_key = "checksum";
 
-/// The checksum of metadata and arrays: CRC-32 of a line KEY=WORD for each other word, by key, then
-/// of a line NAME TYPE SHAPE CRC for each array, by name, with the CRC-32 of its bytes. The order
-/// of the arrays in the file does not matter.
+/// Returns the checksum of metadata and arrays: CRC-32 of a line KEY=WORD for each other word, by
+/// key, then of a line NAME TYPE SHAPE CRC for each array, by name, with the CRC-32 of its bytes.
+/// It does not depend on the order of the arrays in the file.
 inline std::string tensor_checksum(const std::map<std::string, TensorEntry>& tensors,
                                    const TensorMetadata& metadata) {
     std::string text;
@@ -104,7 +104,7 @@ inline std::string tensor_checksum(const std::map<std::string, TensorEntry>& ten
 /// Largest header accepted, as in the reference reader.
 inline constexpr std::uint64_t max_tensor_header = 100'000'000;
 
-/// The arrays of a file, in memory.
+/// Arrays of a file, in memory.
 class Safetensors {
 public:
     Safetensors() = default;
@@ -112,13 +112,13 @@ public:
                 TensorMetadata metadata, bool checked = false)
         : who_(std::move(who)), data_(std::move(data)), tensors_(std::move(tensors)),
           metadata_(std::move(metadata)), checked_(checked) {}
-    // Entries refer to data_, whose storage a move keeps and a copy would not.
+    // Entries refer to data_, whose storage survives a move but not a copy.
     Safetensors(Safetensors&&) = default;
     Safetensors& operator=(Safetensors&&) = default;
 
     const std::map<std::string, TensorEntry>& tensors() const { return tensors_; }
     const TensorMetadata& metadata() const { return metadata_; }
-    /// Whether the file stated its checksum, which was right.
+    /// Returns true if the file stated its checksum, which was right.
     bool checked() const { return checked_; }
     bool has(const std::string& name) const { return tensors_.count(name) != 0; }
 
@@ -127,13 +127,13 @@ public:
         require(found != tensors_.end(), who_, "the tensor '", name, "' is missing");
         return found->second;
     }
-    /// A metadata value; throws Error if it is missing.
+    /// Returns a metadata value; throws an Error if it is missing.
     const std::string& word(const std::string& key) const {
         const auto found = metadata_.find(key);
         require(found != metadata_.end(), who_, "the metadata '", key, "' is missing");
         return found->second;
     }
-    /// The values of a tensor; throws Error unless its type is T and its shape this.
+    /// Returns the values of a tensor; throws an Error for another type or shape.
     template <class T>
     std::vector<T> values(const std::string& name, const std::vector<Index>& shape) const {
         const TensorEntry& t = at(name);
@@ -144,7 +144,7 @@ public:
         if (!out.empty()) std::memcpy(out.data(), t.bytes.data(), t.bytes.size());
         return out;
     }
-    /// A tensor of shape (N, D) as D x N.
+    /// Returns a tensor of shape (N, D) as D x N.
     template <class T>
     Columns<T> columns(const std::string& name) const {
         const TensorEntry& t = at(name);
@@ -155,7 +155,7 @@ public:
         if (check_type<T>(t) > 0) std::memcpy(out.data(), t.bytes.data(), t.bytes.size());
         return out;
     }
-    /// A tensor of shape (cols, rows) as rows x cols.
+    /// Returns a tensor of shape (cols, rows) as rows x cols.
     template <class T>
     Columns<T> columns(const std::string& name, Index rows, Index cols) const {
         const std::vector<Index>&got = at(name).shape, expected{cols, rows};
@@ -166,7 +166,7 @@ public:
     }
 
 private:
-    /// The size of its elements [bytes]; throws Error for another type.
+    /// Returns the size of a tensor's elements [bytes]; throws an Error for another type.
     template <class T>
     std::size_t check_type(const TensorEntry& t) const {
         require(
@@ -221,7 +221,7 @@ inline TensorEntry parse_tensor(const std::string& name, const JsonValue& v, Byt
     return t;
 }
 
-/// Checks that the arrays cover the data exactly once.
+/// Throws an Error unless the arrays cover the data exactly once.
 inline void require_covered(const std::map<std::string, TensorEntry>& tensors, ByteSpan data,
                             const std::string& who) {
     std::vector<std::pair<std::size_t, std::size_t>> ranges;
@@ -241,8 +241,8 @@ inline void require_covered(const std::map<std::string, TensorEntry>& tensors, B
 
 } // namespace detail
 
-/// Parses the bytes of a file; errors begin with `who`. Takes the bytes once more, and at most
-/// `memory` for the values of the header. Throws Error for a wrong checksum.
+/// Parses the bytes of a file; errors begin with `who`. Allocates a copy of the bytes, and at most
+/// `memory` bytes for the values of the header. Throws an Error for a wrong checksum.
 inline Safetensors parse_safetensors(ByteSpan file, const std::string& who,
                                      std::uint64_t memory = default_memory / 8) {
     const auto length = read_at<std::uint64_t>(file, 0, who, "the length of the header");
@@ -278,13 +278,14 @@ inline Safetensors parse_safetensors(ByteSpan file, const std::string& who,
                        !checksum.empty());
 }
 
-/// Reads a safetensors file. Throws Error as parse_safetensors does, with the path.
+/// Reads a safetensors file. Throws an Error as parse_safetensors does, with the path.
 inline Safetensors read_safetensors(const std::filesystem::path& path) {
     return parse_safetensors(read_file(path), path.string());
 }
 
-/// Replaces the file at `path` by one with these arrays; on failure leaves it unchanged and throws.
-/// Arrays of larger types come first, so that all are aligned. The metadata get a checksum.
+/// Replaces the file at `path` by one with these arrays; on failure leaves it unchanged and throws
+/// an Error. Arrays of larger types come first, so that all are aligned. Adds a checksum to the
+/// metadata.
 inline void write_safetensors(const std::filesystem::path& path, std::vector<TensorEntry> entries,
                               TensorMetadata metadata = {}) {
     std::sort(entries.begin(), entries.end(), [](const TensorEntry& a, const TensorEntry& b) {

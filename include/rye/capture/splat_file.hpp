@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/splat_file.hpp: the .splat file of web viewers: 32 bytes a Gaussian, no header.
+/// rye/capture/splat_file.hpp: the .splat file of web viewers: 32 bytes per Gaussian, no header.
 ///     float x, y, z; float scale x, y, z; byte red, green, blue, alpha; byte w, x, y, z
 /// Position and scale (a standard deviation, not its logarithm) in world units, in the axes of a
-/// PLY; colour of band 0 and opacity as 0..255; quaternion components as 128 + 128 q. Harmonics
-/// above band 0 are not in the format. Of a cloud whose colours lie in 0..1, what is read back
-/// differs by at most 0.5/255 in colour and opacity, and turns by less than 1 degree.
+/// PLY; colour of band 0 and opacity as 0..255; quaternion components as 128 + 128 q. The format
+/// has no harmonics above band 0. A cloud with colours in 0..1, written and read back, differs by
+/// at most 0.5/255 in colour and opacity, and by less than 1 degree in rotation.
 /// Source: the converter of "splat" (K. Kwok, 2023).
 #pragma once
 
@@ -18,11 +18,12 @@
 
 namespace rye {
 
-/// Bytes of a record.
+/// Size of a record [bytes].
 inline constexpr std::size_t splat_record = 32;
 
-/// The bytes of a .splat file, in the cloud's order. Colours are clamped to 0..1, harmonics above
-/// band 0 dropped. Throws Error for numbers that are not finite, before or as floats.
+/// Returns the bytes of a .splat file, in the cloud's order. Clamps colours to 0..1; drops
+/// harmonics above band 0. Throws an Error for numbers that are not finite, before or after
+/// conversion to float.
 template <Real T>
 Bytes splat_bytes(const GaussianCloud<T>& cloud) {
     const std::string who = "splat_bytes";
@@ -49,9 +50,9 @@ Bytes splat_bytes(const GaussianCloud<T>& cloud) {
     return out;
 }
 
-/// Reads the bytes of a .splat file; messages begin with `who`. Throws Error unless there are
-/// whole records of finite positions and of finite scales that are not negative, and for a cloud of
-/// more bytes than `memory`.
+/// Returns the cloud in the bytes of a .splat file; messages begin with `who`. Throws an Error
+/// unless there are whole records of finite positions and of finite scales that are not negative,
+/// and for a cloud of more bytes than `memory`.
 template <Real T>
 GaussianCloud<T> parse_splat(ByteSpan bytes, const std::string& who,
                              std::uint64_t memory = default_memory) {

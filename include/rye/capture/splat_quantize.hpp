@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/splat_quantize.hpp: what the small splat formats (.splat, SPZ, GLB) have in common:
-/// numbers as bytes, the checks of numbers that cannot be stored, and the turn between the axes of
+/// rye/capture/splat_quantize.hpp: common parts of the small splat formats (.splat, SPZ, GLB):
+/// numbers as bytes, checks for numbers that cannot be stored, and the rotation between the axes of
 /// a PLY (x right, y down, z forward for an upright subject) and those of SPZ and glTF (x right, y
 /// up, z toward the viewer): half a turn about x. Clouds as in gaussian/cloud.hpp.
 #pragma once
@@ -18,7 +18,7 @@
 
 namespace rye::detail {
 
-/// The nearest whole number in 0..255.
+/// Returns the nearest whole number in 0..255.
 template <Real T>
 std::uint8_t nearest_byte(T x) {
     return static_cast<std::uint8_t>(std::lround(std::clamp(x, T(0), T(255))));
@@ -28,8 +28,8 @@ std::uint8_t nearest_byte(T x) {
 inline constexpr std::array<int, 15> sh_half_turn{-1, -1, 1,  -1, 1, 1,  -1, 1,
                                                   -1, 1,  -1, -1, 1, -1, 1};
 
-/// Throws Error, with the field and the Gaussian, unless every number is finite and no array has
-/// another shape than the cloud's.
+/// Throws an Error, with the field and the Gaussian, unless every number is finite and every array
+/// has the cloud's shape.
 template <Real T>
 void check_storable(const GaussianCloud<T>& cloud, const std::string& who) {
     GaussianCloud<T>::fields(

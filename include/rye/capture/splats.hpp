@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/splats.hpp: splat files by their kind: read whichever of PLY, .splat and SPZ a file
-/// is; write PLY, .splat, SPZ or GLB by the name's extension. Files of other programs that are
-/// known but not read are named in the error, with the command that converts them.
-/// Clouds have the axes of a PLY (x right, y down, z forward for an upright subject), whatever the
-/// file's are; world units.
+/// rye/capture/splats.hpp: splat files of several kinds: reads PLY, .splat or SPZ, recognised by
+/// content; writes PLY, .splat, SPZ or GLB by the name's extension. For known files of other
+/// programs the error gives the command that converts them. Clouds have the axes of a PLY (x right,
+/// y down, z forward for an upright subject), whatever the file's are; world units.
 #pragma once
 
 #include <algorithm>
@@ -22,18 +21,18 @@
 
 namespace rye {
 
-/// Kinds of splat files that are read, or written, or known by sight.
+/// Kinds of splat files that are read, written, or only recognised.
 enum class SplatKind {
     ply,
     splat,
     spz,
-    glb, ///< glb is written only
+    glb, ///< written only
     compressed_ply,
     spz4,
     sog,
     ksplat,
     lcc,
-    gltf, ///< known, neither read nor written
+    gltf, ///< recognised, neither read nor written
     unknown
 };
 
@@ -52,9 +51,9 @@ inline bool begins(ByteSpan bytes, std::string_view text) {
 
 } // namespace detail
 
-/// The kind of a file from its name and its first bytes; content decides where it is distinctive,
-/// the extension where it is not (.splat and .ksplat have no mark of their own). A few thousand
-/// bytes suffice; none are needed for kinds that are told by the name.
+/// Returns the kind of a file from its name and first bytes. The content decides if it is
+/// distinctive, else the extension (.splat and .ksplat have no signature). A few thousand bytes
+/// suffice; kinds known by the name need none.
 inline SplatKind splat_kind(const std::filesystem::path& path, ByteSpan beginning) {
     const std::string name = detail::lower_name(path);
     const auto begins = [&](std::string_view text) { return detail::begins(beginning, text); };
@@ -77,7 +76,7 @@ inline SplatKind splat_kind(const std::filesystem::path& path, ByteSpan beginnin
     return begins("PK\x03\x04") ? SplatKind::sog : SplatKind::unknown;
 }
 
-/// What to do about a file of a kind that is not read; empty for kinds that are.
+/// Returns advice for a file of a kind that is not read; empty for kinds that are.
 inline std::string splat_advice(SplatKind kind, const std::string& path) {
     const char* name = "";
     switch (kind) {
@@ -112,9 +111,9 @@ inline std::string splat_advice(SplatKind kind, const std::string& path) {
            path + " converted.ply";
 }
 
-/// Reads a PLY, .splat or SPZ file, or a PLY from a pipe. Throws Error, with the path, where it
-/// cannot be opened, is of another kind (with the converting command where there is one), or as
-/// read_ply, parse_splat and parse_spz do; `memory` is theirs.
+/// Reads a PLY, .splat or SPZ file, or a PLY from a pipe. Throws an Error, with the path, if it
+/// cannot be opened, is of another kind (with the converting command, if any), or as read_ply,
+/// parse_splat and parse_spz do; `memory` is theirs.
 template <Real T>
 GaussianCloud<T> read_splats(const std::filesystem::path& path,
                              std::uint64_t memory = default_memory) {
@@ -132,8 +131,8 @@ GaussianCloud<T> read_splats(const std::filesystem::path& path,
     return read_ply<T>(path.string(), memory);
 }
 
-/// The kind that a name's extension asks for; throws Error, which lists the kinds and `also`, what
-/// else the caller writes, unless it is one that is written.
+/// Returns the kind that a name's extension asks for. Unless it is a kind that is written, throws
+/// an Error that lists those kinds and `also`, the caller's own.
 inline SplatKind written_splat_kind(const std::filesystem::path& path, const std::string& who,
                                     const std::string& also = "") {
     const std::string name = detail::lower_name(path);
@@ -149,15 +148,15 @@ inline SplatKind written_splat_kind(const std::filesystem::path& path, const std
                 (also.empty() ? " or .glb" : ", .glb or " + also));
 }
 
-/// How splat_file_bytes writes.
+/// Options of splat_file_bytes.
 struct SplatFileOptions {
     SplatKind kind = SplatKind::ply;
-    PlyOptions ply = {};              ///< of a PLY
-    Deflate deflate = stored_deflate; ///< compressor of an SPZ
+    PlyOptions ply = {};              ///< for a PLY
+    Deflate deflate = stored_deflate; ///< compressor for an SPZ
 };
 
-/// The bytes of a file of the given kind. Throws Error as write_ply, splat_bytes, spz_bytes and
-/// glb_bytes do, and for kinds that are not written.
+/// Returns the bytes of a file of the given kind. Throws an Error as write_ply, splat_bytes,
+/// spz_bytes and glb_bytes do, and for kinds that are not written.
 template <Real T>
 Bytes splat_file_bytes(const GaussianCloud<T>& cloud, const SplatFileOptions& options) {
     switch (options.kind) {

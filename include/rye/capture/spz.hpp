@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/spz.hpp: the SPZ file, a gzip file of about 20 bytes a Gaussian: versions 2 and 3
-/// in, version 3 out. Stored axes are x right, y up, z toward the viewer; clouds have those of a
-/// PLY, so reading and writing turn by half a turn about x. A writer that did not turn, of which
-/// there are many, gives a file that is read upside down.
-/// After a header of 16 bytes, array by array: positions as 24-bit fixed point with 12 fractional
+/// rye/capture/spz.hpp: the SPZ file, a gzip file of about 20 bytes per Gaussian: reads versions 2
+/// and 3, writes version 3. Stored axes are x right, y up, z toward the viewer; clouds have those
+/// of a PLY, so reading and writing rotate by half a turn about x. The many writers that do not
+/// rotate give files that are read upside down.
+/// After a header of 16 bytes come the arrays: positions as 24-bit fixed point with 12 fractional
 /// bits, opacity 0..255, colour of band 0 as 0.15 f_dc 255 + 127.5, log scale as 16 (s + 10),
 /// quaternions, harmonics as 128 + 128 c in steps of 8 in band 1 and of 16 above.
 /// Largest differences after writing and reading: position 1/8192 [world units] (more where a cloud
 /// reaches beyond 2048 units), opacity 0.5/255, f_dc 0.0131 within +-3.33, log scale 1/32 within
-/// -10..5.94, turn 0.2 degrees, harmonics 1/32 and 1/16 within +-0.9; beyond, clamped.
+/// -10..5.94, rotation 0.2 degrees, harmonics 1/32 and 1/16 within +-0.9; beyond, clamped.
 /// Source: the SPZ library and its format description (Niantic, 2024).
 #pragma once
 
@@ -22,14 +22,14 @@
 
 namespace rye {
 
-/// What an SPZ file states before its arrays.
+/// Header of an SPZ file.
 struct SpzHeader {
     std::uint32_t version = 3;
-    std::uint32_t count = 0;  ///< Gaussians
+    std::uint32_t count = 0;  ///< number of Gaussians
     int degree = 0;           ///< of the harmonics, 0 to 3
     int fractional_bits = 12; ///< of positions
-    bool antialiased = false; ///< trained with Antialias::mip
-    bool extended = false;    ///< other data follow the arrays
+    bool antialiased = false; ///< true if trained with Antialias::mip
+    bool extended = false;    ///< true if other data follow the arrays
 };
 
 namespace detail {
@@ -37,10 +37,11 @@ namespace detail {
 inline constexpr std::uint32_t spz_magic = 0x5053474E; // "NGSP"
 inline constexpr std::size_t spz_header_size = 16;
 
-/// Bytes of a quaternion, by the version.
+/// Returns the size of a quaternion in a version of the format [bytes].
 inline std::uint64_t spz_rotation_size(const SpzHeader& h) { return h.version == 2 ? 3 : 4; }
 
-/// A coefficient of the harmonics as a byte of `bits` significant bits: steps of 2^(8 - bits).
+/// Returns a coefficient of the harmonics as a byte of `bits` significant bits: steps of 2^(8 -
+/// bits).
 template <Real T>
 std::uint8_t spz_harmonic(T x, int bits) {
     const int step = 1 << (8 - bits);
@@ -49,7 +50,8 @@ std::uint8_t spz_harmonic(T x, int bits) {
     return static_cast<std::uint8_t>(std::clamp(q + 128, 0, 255));
 }
 
-/// The three smaller components in the order x y z w, 10 bits each, and which one is largest.
+/// Returns the three smaller components in the order x y z w, 10 bits each, and the index of the
+/// largest.
 template <Real T>
 std::uint32_t spz_rotation(const Quat<T>& q) {
     const std::array<T, 4> xyzw{q[1], q[2], q[3], q[0]};
@@ -59,7 +61,7 @@ std::uint32_t spz_rotation(const Quat<T>& q) {
     auto packed = static_cast<std::uint32_t>(largest);
     for (std::size_t k = 0; k < 4; ++k) {
         if (k == largest) continue;
-        const T share = std::abs(xyzw[k]) * T(1.4142135623730951); // of the largest it can be
+        const T share = std::abs(xyzw[k]) * T(1.4142135623730951); // of the largest possible value
         const auto size = static_cast<std::uint32_t>(std::lround(std::min(share, T(1)) * T(511)));
         const bool negative = (xyzw[k] < T(0)) != (xyzw[largest] < T(0));
         packed = packed << 10U | (negative ? 512U : 0U) | size;
@@ -83,7 +85,7 @@ Quat<T> spz_rotation(std::uint32_t packed) {
     return {xyzw[3], xyzw[0], xyzw[1], xyzw[2]};
 }
 
-/// Fractional bits that hold the largest coordinate in 24 bits, at most 12.
+/// Returns the number of fractional bits that holds the largest coordinate in 24 bits, at most 12.
 template <Real T>
 int spz_fractional_bits(const GaussianCloud<T>& cloud) {
     const T extent = cloud.count() == 0 ? T(0) : cloud.mean.cwiseAbs().maxCoeff();
@@ -95,9 +97,9 @@ int spz_fractional_bits(const GaussianCloud<T>& cloud) {
 
 } // namespace detail
 
-/// The header of the data inside an SPZ file, of which the first 16 bytes suffice; `whole` is the
-/// size of all [bytes]. Throws Error for another kind of data, a version other than 2 or 3, a
-/// degree above 3 and arrays of another size than the data's.
+/// Returns the header of the data inside an SPZ file, of which the first 16 bytes suffice; `whole`
+/// is the size of all data [bytes]. Throws an Error for another kind of data, a version other than
+/// 2 or 3, a degree above 3, and arrays of another size than the data's.
 inline SpzHeader parse_spz_header(ByteSpan data, std::uint64_t whole, const std::string& who) {
     SpzHeader h;
     const auto word = [&](std::uint64_t at) {
@@ -126,14 +128,14 @@ inline SpzHeader parse_spz_header(ByteSpan data, std::uint64_t whole, const std:
     return h;
 }
 
-/// The header of whole data.
+/// Returns the header of complete data.
 inline SpzHeader parse_spz_header(ByteSpan data, const std::string& who) {
     return parse_spz_header(data, data.size(), who);
 }
 
-/// Reads the bytes of an SPZ file; messages begin with `who`. Throws Error as gunzip and
-/// parse_spz_header do, and for a file whose data and Gaussians take more bytes than `memory`,
-/// before they are allocated; every number that it returns is finite.
+/// Returns the cloud in the bytes of an SPZ file; messages begin with `who`. Throws an Error as
+/// gunzip and parse_spz_header do, and, before they are allocated, for data and Gaussians of more
+/// bytes than `memory`. Every number returned is finite.
 template <Real T>
 GaussianCloud<T> parse_spz(ByteSpan file, const std::string& who,
                            std::uint64_t memory = default_memory) {
@@ -188,8 +190,8 @@ GaussianCloud<T> parse_spz(ByteSpan file, const std::string& who,
     return cloud;
 }
 
-/// The bytes of an SPZ file of version 3. Numbers are rounded and clamped as stated above. Throws
-/// Error for a cloud of degree 4, numbers that are not finite, or means beyond 24 bits.
+/// Returns the bytes of an SPZ file of version 3. Rounds and clamps numbers as stated above. Throws
+/// an Error for a cloud of degree 4, numbers that are not finite, or means beyond 24 bits.
 template <Real T>
 Bytes spz_bytes(const GaussianCloud<T>& cloud, const Deflate& deflate = stored_deflate,
                 bool antialiased = false) {

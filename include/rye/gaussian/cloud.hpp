@@ -17,7 +17,7 @@ struct GaussianCloud {
     Columns<T> sh_rest;        ///< 3 K x N  the other K coefficients of red, of green, of blue
     Columns<T> logit_opacity;  ///< 1 x N
     Columns<T> log_scale;      ///< 3 x N
-    Columns<T> rotation;       ///< 4 x N  quaternions (w, x, y, z), any norm; 0: no turn
+    Columns<T> rotation;       ///< 4 x N  quaternions (w, x, y, z), any norm; 0: identity
 
     GaussianCloud() = default;
     GaussianCloud(Index count, int degree)

@@ -14,7 +14,7 @@ namespace rye {
 template <class T>
 struct Gaussians {
     Columns<T> mean;      ///< 3 x N  [world units]
-    Columns<T> rotation;  ///< 4 x N  quaternions (w, x, y, z) of any norm; 0: no turn
+    Columns<T> rotation;  ///< 4 x N  quaternions (w, x, y, z) of any norm; 0: identity
     Columns<T> scale;     ///< 3 x N  standard deviations along the local axes, >= 0 [world units]
     Columns<T> opacity;   ///< 1 x N  in 0..1
     Columns<T> feature;   ///< C x N  colour, or any other quantity to blend
@@ -50,7 +50,7 @@ struct ColumnRange {
     Index begin = 0, count = 0;
 };
 
-/// Throws Error unless every array has its number of rows and one column per Gaussian.
+/// Throws an Error unless every array has its number of rows and one column per Gaussian.
 template <class T>
 void check_shapes(const std::string& who, const Gaussians<T>& g) {
     const Index n = g.count();

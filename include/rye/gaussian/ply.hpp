@@ -2,11 +2,11 @@
 /// rye/gaussian/ply.hpp: the PLY file of trained Gaussians, the format of 3DGS viewers.
 /// Little-endian floats: mean, normal (zeros), f_dc, f_rest channel by channel, logit opacity, log
 /// scale, quaternion w x y z. The reader accepts properties in any order, extra ones, ascii,
-/// double, and files without normals, f_rest or the third scale. An infinite opacity, which writers
-/// make of one of exactly 0 or 1, is read as the nearest one whose logit is finite. A quaternion of
-/// zeros is kept: it is the identity wherever quaternions are normalised (math/rotation.hpp).
-/// The writer states a checksum in a comment, which covers header and numbers; the reader refuses a
-/// binary file whose own is another, and reads a file without one.
+/// double, and files without normals, f_rest or the third scale. An infinite opacity, as writers
+/// store for exactly 0 or 1, is read as the nearest one with a finite logit. A quaternion of zeros
+/// is kept: it is the identity wherever quaternions are normalised (math/rotation.hpp).
+/// The writer states a checksum in a comment, which covers header and numbers; the reader rejects a
+/// binary file with a wrong one, and accepts a file without one.
 /// Neither the program's locale nor the stream's changes a byte or a number.
 /// Source: the writer of "3D Gaussian Splatting" (Kerbl et al., 2023).
 #pragma once
@@ -47,8 +47,8 @@ struct PlyOptions {
 
 namespace detail {
 
-/// Returns the logit of an opacity in 0..1, finite at both ends: there it is that of the largest
-/// number below 1, or its negative.
+/// Returns the logit of an opacity in 0..1, finite at both ends, where it is the logit of the
+/// largest number below 1, or its negative.
 template <Real T>
 T bounded_logit(T opacity) {
     constexpr T u = std::numeric_limits<T>::epsilon() / 2;
@@ -62,7 +62,7 @@ struct PlyTarget {
     Index row = 0;
 };
 
-/// Returns destinations of the properties of a vertex; throws Error for a missing property.
+/// Returns destinations of the properties of a vertex; throws an Error for a missing property.
 template <class T>
 std::vector<PlyTarget<T>> ply_targets(const PlyHeader& h, GaussianCloud<T>& cloud, bool flat,
                                       const std::string& who) {
@@ -121,7 +121,7 @@ inline std::int64_t bytes_left(std::istream& in) {
 }
 
 /// Returns the rest of a stream of unknown length, at most the size that a binary header states.
-/// Throws Error beyond the limit.
+/// Throws an Error beyond the limit.
 inline std::string drained(std::istream& in, const PlyHeader& h, std::uint64_t memory,
                            const std::string& who) {
     const std::uint64_t want =
@@ -225,7 +225,7 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
 } // namespace detail
 
 /// Reads a cloud; messages begin with `name`. Buffers streams that cannot seek, such as a pipe.
-/// Throws Error for a malformed header, for missing, invalid or non-finite numbers, and for a
+/// Throws an Error for a malformed header, for missing, invalid or non-finite numbers, and for a
 /// cloud, with the buffer of a pipe, of more bytes than `memory`.
 template <Real T>
 GaussianCloud<T> read_ply(std::istream& in, const std::string& name,
@@ -248,8 +248,8 @@ GaussianCloud<T> read_ply(const std::string& path, std::uint64_t memory = defaul
     return read_ply<T>(in, path, memory);
 }
 
-/// Writes a cloud as floats, without the stream's formatting. Replaces no file atomically: that is
-/// the caller's task.
+/// Writes a cloud as floats, without the stream's formatting. Atomic replacement of a file is the
+/// caller's task.
 template <Real T>
 void write_ply(std::ostream& out, const GaussianCloud<T>& cloud, const PlyOptions& options = {}) {
     const int own = cloud.degree(), degree = options.degree < 0 ? own : options.degree;

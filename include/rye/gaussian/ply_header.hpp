@@ -31,16 +31,16 @@ struct PlyProperty {
     Index offset = 0;                    ///< in the record [bytes]
 };
 
-/// The header's description of the vertices, and their beginning.
+/// Description of the vertices in the header, and their beginning.
 struct PlyHeader {
     bool ascii = false;
     Index count = 0;                     ///< number of vertices
     Index stride = 0;                    ///< size of a binary vertex [bytes]
     Index skip = 0;                      ///< binary data before the first vertex [bytes]
     Index skip_lines = 0;                ///< ascii lines before the first vertex
-    std::vector<PlyProperty> properties; ///< vertex's properties
-    std::string checksum;                ///< checksum that the file states, or empty
-    std::uint32_t crc = 0;               ///< header's checksum, with digits of 0 in its own place
+    std::vector<PlyProperty> properties; ///< properties of a vertex
+    std::string checksum;                ///< checksum stated by the file, or empty
+    std::uint32_t crc = 0;               ///< checksum of the header, with its own digits as 0
     std::map<std::string, Index, std::less<>> place;  ///< index of each name in `properties`
 
     /// Returns the index of a property, or -1.
@@ -59,7 +59,7 @@ inline Index ply_size(PlyType type) {
 namespace detail {
 
 /// Beginning of the comment with the checksum: 8 hexadecimal digits of the CRC-32 of the header,
-/// in which they are 0 and lines end with LF, and of the vertices.
+/// with these digits as 0 and lines that end with LF, and of the vertices.
 inline constexpr std::string_view ply_checksum_line = "comment checksum crc32 ";
 /// Returns true if a byte separates words, in any locale.
 constexpr bool ply_space(int c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
@@ -74,7 +74,7 @@ inline std::string_view ply_word(std::string_view& line) {
     return word;
 }
 
-/// Returns a header line without its line end, LF or CRLF. Throws Error for an overlong line.
+/// Returns a header line without its line end, LF or CRLF. Throws an Error for an overlong line.
 inline std::string ply_line(std::istream& in, const std::string& who) {
     constexpr std::size_t longest = 4096;
     std::string line;

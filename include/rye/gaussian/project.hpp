@@ -35,7 +35,7 @@ struct Projector {
     Rigid<T> camera_from_world;
     T fx, fy;                    ///< focal lengths [px]
     T x_low, x_high;             ///< limits of x/z inside the Jacobian
-    T y_low, y_high;             ///< limits of y/z
+    T y_low, y_high;             ///< limits of y/z inside the Jacobian
     T near_depth;                ///< [world units]
     T dilation;                  ///< d, added to both variances [px^2]
     [[no_unique_address]] D distortion = {};
@@ -110,7 +110,7 @@ Projector(const Pinhole<T, D>&, double, double) -> Projector<T, D>;
 template <Scalar T>
 struct Shape {
     Vec3<T> mean;                ///< [world units]
-    Quat<T> rotation;            ///< any norm; 0: no turn
+    Quat<T> rotation;            ///< any norm; 0: identity
     Vec3<T> scale;               ///< [world units]
 };
 
@@ -174,7 +174,7 @@ struct Linearised {
     Vec3<T> point;               ///< in the camera [world units]
     Mask in_front;
     T inverse_depth;
-    T slope_x, slope_y;          ///< x/z, y/z
+    T slope_x, slope_y;          ///< x/z and y/z
     Mask free_x, free_y;         ///< the slope is within its limits
     Vec3<T> toward_x, toward_y;  ///< rows of J W [px / world unit]
     Mat3<T> axes;                ///< R
@@ -226,7 +226,8 @@ RYE_HD Vec3<T> scaled_by(const Vec3<T>& a, const Vec3<T>& s) {
 
 /// Returns the second row of L M, k2 (y - m x), of the rows x = S A and y = S B of M, A and B being
 /// the rows of J W R and S the scales. Along a needle that difference cancels, and with it the
-/// gradient of the needle's turn; a (y - m x) = S (d B + (A x B) x S^2 A) has no such difference.
+/// gradient of the needle's rotation; a (y - m x) = S (d B + (A x B) x S^2 A) has no such
+/// difference.
 template <Scalar T, class D>
 RYE_HD Vec3<T> whitened_second_row(const Linearised<T, D>& l, const Vec3<T>& scale,
                                    const PrecisionFactor<T>& f, const T& d) {
@@ -300,8 +301,8 @@ RYE_HD Vec2<T> distorted_slope_vjp(const Linearised<T, D>& l, const Projector<T,
 } // namespace detail
 
 /// Returns the cotangents of mean, rotation and scale. Sigma = M M^T + d I gives g_M = 2 g_Sigma M,
-/// which in whitened terms is L^T (moment) (L M). `alpha` is the cotangent of log(opacity), which
-/// depends on the shape only through a MipGaussian's share.
+/// in whitened terms L^T (moment) (L M). `alpha` is the cotangent of log(opacity), which depends on
+/// the shape only through a MipGaussian's share.
 template <Antialias how = Antialias::dilate, Scalar T, Distortion D>
 RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
                             const ScreenCotangent<T>& c, [[maybe_unused]] const T& alpha = T(0)) {
@@ -311,7 +312,7 @@ RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
     const PrecisionFactor<T> f = precision_factor(x, y, lens.dilation);
 
     const Vec3<T> second = detail::whitened_second_row(l, g.scale, f, lens.dilation);
-    Vec3<T> g_x, g_y;                                                     // for the rows of M
+    Vec3<T> g_x, g_y;                                                     // cotangents of M's rows
     for (int i = 0; i < 3; ++i) {
         const T u = f.k1 * x[i], v = second[i];                           // L M
         const T mu = c.moment.xx * u + c.moment.xy * v;

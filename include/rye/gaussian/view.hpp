@@ -51,7 +51,7 @@ struct ViewColumns {
 template <class T>
 struct GaussianView {
     ViewColumns<T, 3> mean;      ///< 3 x N  [world units]
-    ViewColumns<T, 4> rotation;  ///< 4 x N  quaternions (w, x, y, z) of any norm; 0: no turn
+    ViewColumns<T, 4> rotation;  ///< 4 x N  quaternions (w, x, y, z) of any norm; 0: identity
     ViewColumns<T, 3> scale;     ///< 3 x N  standard deviations along the own axes [world units]
     ViewColumns<T, 1> opacity;   ///< 1 x N  in 0..1
     const T* feature = nullptr;  ///< C x N, `stride` numbers from one Gaussian to the next
@@ -63,8 +63,8 @@ struct GaussianView {
     const T* paint = nullptr;
 
     GaussianView() = default;
-    /// Implicit, so that functions of a view accept a cloud. Throws Error unless every array of `g`
-    /// has its number of rows and one column per Gaussian.
+    /// Implicit, so that functions of a view accept a cloud. Throws an Error unless every array of
+    /// `g` has its number of rows and one column per Gaussian.
     GaussianView(const Gaussians<T>& g) // NOLINT(google-explicit-constructor)
         : mean(g.mean.data()), rotation(g.rotation.data()), scale(g.scale.data()),
           opacity(g.opacity.data()), feature(g.feature.data()), size(g.count()), rows(g.channels()),
@@ -76,7 +76,7 @@ struct GaussianView {
     Index channels() const { return rows; }
     const T* feature_of(Index i) const { return i < painted ? feature + i * stride : paint; }
 
-    /// Returns columns [begin, begin + n). Throws Error if there are fewer.
+    /// Returns columns [begin, begin + n). Throws an Error if there are fewer.
     GaussianView columns(Index begin, Index n) const {
         require(begin >= 0 && n >= 0 && begin <= size - n, "GaussianView", "got columns ", begin,
                 " to ", begin + n, " of ", size);
@@ -90,7 +90,7 @@ struct GaussianView {
         if (paint != nullptr) v.painted = std::max<Index>(painted - begin, 0);
         return v;
     }
-    /// Returns the first n channels. Throws Error if there are fewer.
+    /// Returns the first n channels. Throws an Error if there are fewer.
     GaussianView first_channels(Index n) const {
         require(n >= 0 && n <= rows, "GaussianView", "got ", n, " of ", rows, " channels");
         GaussianView v = *this;

@@ -2,7 +2,7 @@
 /// rye/geometry/camera.hpp: the pinhole camera, with or without lens distortion.
 /// Frame (OpenCV): x right, y down, z forward; x_camera = R x_world + t. Image plane [px]:
 /// u = fx x / z + cx, v = fy y / z + cy, where the centre of the first pixel is (0.5, 0.5). A lens
-/// (geometry/distortion.hpp) distorts (x / z, y / z) before; the default has none, at no cost.
+/// (geometry/distortion.hpp) first distorts (x / z, y / z); the default, no lens, costs nothing.
 /// Source: Hartley and Zisserman, "Multiple View Geometry", 6.1.
 #pragma once
 
@@ -50,7 +50,7 @@ struct Pinhole {
         }
     }
 
-    /// Returns the unit direction in the world of the ray through an image point [px]; NaN where no
+    /// Returns the unit direction in the world of the ray through an image point [px]; NaN if no
     /// ray of the lens reaches it.
     RYE_HD Vec3<T> ray(const Vec2<T>& pixel) const {
         Vec3<T> d((pixel[0] - cx) / fx, (pixel[1] - cy) / fy, T(1));
@@ -73,7 +73,7 @@ struct Pinhole {
     }
 };
 
-/// A type with a size in pixels, a projection of world points and rays through pixels.
+/// A type with a size in pixels, a projection of world points, and rays through pixels.
 template <class C>
 concept Camera = requires(const C c, const Vec3<typename C::scalar> x, Vec2<typename C::scalar> p) {
     { c.width } -> std::convertible_to<int>;
@@ -84,7 +84,7 @@ concept Camera = requires(const C c, const Vec3<typename C::scalar> x, Vec2<type
 };
 static_assert(Camera<Pinhole<float>> && Camera<Pinhole<float, BrownConrady<float>>>);
 
-/// The same camera with a lens.
+/// Returns the camera with a lens.
 template <Scalar T, Distortion D>
     requires D::distorts
 Pinhole<T, D> with_lens(const Pinhole<T>& c, const D& lens) {
@@ -96,7 +96,7 @@ struct ImageSize {
     int width, height;  ///< [px]
 };
 
-/// Returns a camera at `eye`, looking at `target` in the image centre. Throws Error for bad
+/// Returns a camera at `eye`, looking at `target` in the image centre. Throws an Error for bad
 /// arguments.
 template <Real T>
 Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up, T vertical_fov_rad,

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/distortion.hpp: lens distortion as a policy of the camera; that of a pinhole is
-/// empty. Slopes s = (x/z, y/z) in the camera frame, dimensionless, become D(s), which the focal
-/// lengths scale to pixels: u = fx D(s).x + cx.
+/// rye/geometry/distortion.hpp: lens distortion as a policy of the camera; a pinhole's is empty.
+/// Slopes s = (x/z, y/z) in the camera frame, dimensionless, become D(s), which the focal lengths
+/// scale to pixels: u = fx D(s).x + cx.
 ///     D(s) = s (1 + k1 r^2 + k2 r^4 + k3 r^6) + tangential, r = |s|
-/// D is one-to-one up to the least r at which the radial part turns back (the fold), and where the
-/// determinant of its Jacobian is positive. Points beyond are culled.
+/// D is one-to-one up to the smallest r at which the radial part turns back (the fold), and where
+/// the determinant of its Jacobian is positive. Points beyond are culled.
 /// Source: Brown, "Decentering Distortion of Lenses", 1966; signs and order of p1 and p2 as in
 /// OpenCV, COLMAP's OPENCV model and transforms.json.
 #pragma once
@@ -23,7 +23,7 @@ struct Distorted {
     Sym2<T> slope;
 };
 
-/// A lens without distortion.
+/// Lens without distortion.
 struct NoDistortion {
     static constexpr bool distorts = false;
     template <Scalar U>
@@ -119,7 +119,7 @@ struct BrownConrady {
 };
 
 /// Lens policy of a camera: NoDistortion, or a type with the distorted slope, the cotangent of its
-/// Jacobian, and the fold up to which it is valid.
+/// Jacobian, and the fold, up to which it is valid.
 template <class D>
 concept Distortion =
     std::same_as<D, NoDistortion> ||
@@ -132,7 +132,7 @@ concept Distortion =
 static_assert(Distortion<NoDistortion> && Distortion<BrownConrady<float>> &&
               !Distortion<Distorted<float>>);
 
-/// Returns true where the lens is valid at a slope: before its fold, at a positive determinant.
+/// Returns true if the lens is valid at a slope: before its fold, at a positive determinant.
 template <Scalar T>
 RYE_HD auto within_lens(const Vec2<T>& s, const Sym2<T>& slope, const T& fold) {
     return (s[0] * s[0] + s[1] * s[1] < fold) && (slope.determinant() > T(0));

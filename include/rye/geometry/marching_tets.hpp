@@ -42,7 +42,7 @@ struct SurfaceTopology {
     Index vertex_count() const { return static_cast<Index>(edges.size()); }
 };
 
-/// A surface of zero signed distance, with the places of its vertices on edges of tetrahedra.
+/// Surface of zero signed distance, with the positions of its vertices on edges of tetrahedra.
 template <Scalar T>
 struct Surface {
     Columns<T> positions;  ///< 3 x M
@@ -52,7 +52,8 @@ struct Surface {
 
 namespace detail {
 
-/// Number of triangles and their tetrahedron edges; case = sum of 2^i over corners with sdf > 0.
+/// Number of triangles and their tetrahedron edges for a case: the sum of 2^i over corners with sdf
+/// > 0.
 struct TetCase {
     int triangles;
     std::array<std::uint8_t, 6> edges;
@@ -76,8 +77,8 @@ inline constexpr std::array<TetCase, 16> tet_cases{{{0, {}},
 
 } // namespace detail
 
-/// Returns the topology of the zero surface of sdf, 1 x V; sdf = 0 is inside. Throws Error if not
-/// finite.
+/// Returns the topology of the zero surface of sdf, 1 x V; sdf = 0 is inside. Throws an Error if
+/// not finite.
 template <class T, Backend B>
 SurfaceTopology surface_topology(const B& backend, const TetTopology& grid,
                                  const std::type_identity_t<ColumnsView<T>>& sdf) {
@@ -177,7 +178,7 @@ Columns<T> crossing_fractions(const SurfaceTopology& surface, const ColumnsView<
     return t;
 }
 
-/// Adds to g_sdf, 1 x V, the gradient by way of the fractions, given theirs, 1 x M.
+/// Adds to g_sdf, 1 x V, the gradient through the fractions, given theirs, 1 x M.
 /// dt/ds_a = -s_b / (s_a - s_b)^2 = (1 - t) / (s_a - s_b), dt/ds_b = t / (s_a - s_b).
 template <class T>
 void crossing_fractions_vjp(const SurfaceTopology& surface, const ColumnsView<T>& sdf,
@@ -218,7 +219,7 @@ Columns<T> interpolate(const SurfaceTopology& surface, const ColumnsView<T>& fra
 }
 
 /// Returns the gradient of values, C x V, and adds that of fraction, 1 x M, given that of the
-/// result, C x M. Each sum is in the order of the surface's vertices, for any threads.
+/// result, C x M. Each sum is in the order of the surface's vertices, for any number of threads.
 template <class T, Backend B>
 Columns<T> interpolate_vjp(const B& backend, const SurfaceTopology& surface,
                            const std::type_identity_t<ColumnsView<T>>& fraction,
@@ -246,7 +247,7 @@ Columns<T> interpolate_vjp(const B& backend, const SurfaceTopology& surface,
     for_chunks(backend.threads, vertices, 1024, [&](Index begin, Index end, Index) {
         for (Index i = begin; i < end; ++i) to_fraction(i);
     });
-    // Edges share their ends, so threads have grid vertices: the ends at each, in order.
+    // Edges share their ends, so each thread takes grid vertices: the edge ends at each, in order.
     std::vector<Index> first(static_cast<std::size_t>(values.cols()) + 1, 0);
     for (const Edge& e : surface.edges)
         for (const Index v : e) ++first[static_cast<std::size_t>(v) + 1];

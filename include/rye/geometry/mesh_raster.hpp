@@ -20,35 +20,35 @@
 
 namespace rye {
 
-/// Faces that the z-buffer skips. The silhouette includes all in front of the camera.
+/// Faces that the z-buffer skips. The silhouette includes all faces in front of the camera.
 enum class Culling {
-    back_faces,  ///< normal . view >= 0: leaves no gap at the silhouette of a closed mesh
-    normal_z,    ///< normals that point away from the image plane, as in the reference
+    back_faces,  ///< normal . view >= 0: no gap at the silhouette of a closed mesh
+    normal_z,    ///< normals pointing away from the image plane, as in the reference
     none
 };
 
 /// Settings of a mesh's rasterizer: its outputs and the softness of its silhouette.
 struct MeshRasterSettings {
     Culling culling = Culling::back_faces;
-    /// Smaller faces are skipped: barycentrics divide by the area, and a face that small covers a
-    /// pixel centre only by chance. [px^2]
+    /// Smallest area [px^2] of a face that is not skipped: barycentrics divide by the area, and a
+    /// smaller face covers a pixel centre only by chance.
     double min_area = 1e-8;
     SilhouetteSettings silhouette = {};
 };
 
-/// Images of a mesh, and what the vjp needs.
+/// Images of a mesh, and intermediate values for the vjp.
 template <Scalar T>
 struct MeshRaster {
     Image<T> attributes;         ///< C channels, 0 without a face
     Image<T> mask;               ///< 1 with a face, else 0
     Image<T> depth;              ///< camera z [world units], 0 without a face
-    Image<T> silhouette;         ///< the soft mask, in 0 ... 1
-    std::vector<Index> face;     ///< index per pixel, -1: none
+    Image<T> silhouette;         ///< soft mask, in 0..1
+    std::vector<Index> face;     ///< index of the face per pixel, -1 for none
     Columns<T> barycentric;      ///< 3 x pixels, perspective-correct, 0 without a face
     Index rejected_faces = 0;    ///< at or behind near_depth, or not finite
     Index degenerate_faces = 0;  ///< in front, but smaller than min_area
 
-    ScreenMesh<T> screen;                      ///< kept for the vjp, as are the next two
+    ScreenMesh<T> screen;                      ///< kept for the vjp, like the next two
     std::vector<SilhouetteTrace> silhouettes;  ///< one per band
     MeshRasterSettings settings;
 };
@@ -70,8 +70,8 @@ struct MeshRasterGradient {
 
 namespace detail {
 
-/// Corners of a face moved along z so that the pixel's ray is the axis, r_k = xy_k - z_k ray: then
-/// e_k = r_(k+1) x r_(k+2) are the homogeneous edge functions, and e_k / sum e the
+/// Face with its corners moved along z so that the pixel's ray is the axis, r_k = xy_k - z_k ray:
+/// then e_k = r_(k+1) x r_(k+2) are the homogeneous edge functions, and e_k / sum e the
 /// perspective-correct barycentrics, without a division by depth.
 template <class W>
 struct PixelFace {
@@ -93,7 +93,7 @@ struct PixelFace {
     }
 };
 
-/// The z-buffer of one band of rows, decided on values alone.
+/// Fills the z-buffer of one band of rows, from values alone.
 template <class T>
 void nearest_faces(const ScreenFaces<T>& screen, const FaceBand& band, const Pinhole<double>& view,
                    const MeshRasterSettings& settings, Index* pixel_face) {
@@ -148,7 +148,7 @@ void nearest_faces(const ScreenFaces<T>& screen, const FaceBand& band, const Pin
 
 } // namespace detail
 
-/// A mesh with attributes at its vertices, to be rasterized.
+/// Mesh with attributes at its vertices.
 template <class T>
 struct AttributeMesh {
     ColumnsView<T> vertices;         ///< 3 x M, world
@@ -156,7 +156,7 @@ struct AttributeMesh {
     ColumnsView<T> attributes;       ///< C x M
 };
 
-/// Rasterizes a mesh. No faces: empty images.
+/// Rasterizes a mesh; without faces the images are empty.
 template <class T, Backend B>
 MeshRaster<T> rasterize_mesh(const B& backend, const AttributeMesh<T>& mesh,
                              const Pinhole<real_t<T>>& camera,
@@ -300,7 +300,7 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& 
     });
 
     MeshRasterGradient<T> out{{}, Columns<T>::Zero(attributes.rows(), attributes.cols())};
-    constexpr int block = 16;  // channels a task: one cache line of floats
+    constexpr int block = 16;  // channels per task: one cache line of floats
     const Index blocks = g.attributes ? chunk_count(attributes.rows(), block) : 0;
     for_chunks(backend.threads, 1 + blocks, 1, [&](Index task, Index, Index) {
         if (task > 0) {

@@ -17,7 +17,7 @@
 namespace rye {
 
 /// Returns the mean squared distance of each point (3 x N) to its `k` nearest others, 1 x N; with
-/// fewer than k others, to all of them; 0 for a single point; the largest number where it is beyond
+/// fewer than k others, to all of them; 0 for a single point; the largest number if it is beyond
 /// the range.
 template <Real T, Backend B>
 Columns<T> mean_squared_neighbour_distance(const B& backend, const Columns<T>& points, int k = 3) {
@@ -25,7 +25,7 @@ Columns<T> mean_squared_neighbour_distance(const B& backend, const Columns<T>& p
     Columns<T> result = Columns<T>::Zero(1, n);
     if (n < 2) return result;
     const Vec3<T> lo = points.rowwise().minCoeff(), hi = points.rowwise().maxCoeff();
-    // About two points a cell for points on a surface: cells along a side ~ sqrt(n / 2).
+    // About two points per cell for points on a surface: cells along a side ~ sqrt(n / 2).
     const T extent = std::max((hi - lo).maxCoeff(), std::numeric_limits<T>::min());
     const Index cells = std::clamp<Index>(static_cast<Index>(std::sqrt(double(n) / 2.0)), 1, 128);
     const T edge = extent / static_cast<T>(cells) * T(1.0001);

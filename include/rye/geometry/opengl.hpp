@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/opengl.hpp: the pinhole camera of the matrices of an OpenGL, WebGPU or Direct3D
-/// renderer.
+/// rye/geometry/opengl.hpp: conversion of the matrices of an OpenGL, WebGPU or Direct3D renderer to
+/// a pinhole camera.
 /// Matrices multiply columns: clip = projection * view * (x_world, 1). Eye frame of `view`
 /// (OpenGL): x right, y up, z toward the viewer, right-handed. Normalised device coordinates clip /
 /// clip.w: x from -1 at the left edge of the image to 1 at the right, y from -1 at the bottom edge
@@ -22,15 +22,15 @@
 
 namespace rye {
 
-/// Normalised device z of the near plane, which states what the third row of a projection means.
+/// Normalised device z of the near and far planes, which defines the third row of a projection.
 enum class ClipDepth {
     minus_one_to_one, ///< near -1, far 1: OpenGL's default
     zero_to_one,      ///< near 0, far 1: Direct3D, Metal, Vulkan, WebGPU, glClipControl
-    one_to_zero       ///< near 1, far 0: the same reversed, for precision; far may be infinite
+    one_to_zero       ///< near 1, far 0: reversed, for precision; far may be infinite
 };
 
-/// Largest error of a view's rotation (entries of R R' - I), and of entries of a projection that a
-/// pinhole camera does not have, relative to the matrix's last row: rounding of floats passes.
+/// Largest error of a view's rotation (entries of R R' - I), and of the entries that a pinhole
+/// camera's projection lacks, relative to the matrix's last row: it admits rounding of floats.
 inline constexpr double opengl_tolerance = 1e-4;
 
 namespace detail {
@@ -53,7 +53,7 @@ void check_view(const Mat<T, 4, 4>& view) {
             ", expected 1 (a right-handed world and eye frame)");
 }
 
-/// Throws Error unless a projection with the last row (0, 0, -1, 0) is that of a pinhole camera.
+/// Throws an Error unless a projection with the last row (0, 0, -1, 0) is that of a pinhole camera.
 template <Real T>
 void check_projection(const Mat<T, 4, 4>& p) {
     const char* const who = "pinhole_from_opengl";
@@ -80,7 +80,7 @@ void check_projection(const Mat<T, 4, 4>& p) {
 /// x height pixels; off-centre projections (glFrustum) give a principal point off the centre. The
 /// near plane, by `clip`, is the camera's near_depth [world units]; a far plane is not kept. A
 /// positive multiple of the specification's matrix is the same camera, as clip coordinates are
-/// homogeneous. Throws Error, with the entry and its value, for an empty image, numbers that are
+/// homogeneous. Throws an Error, with the entry and its value, for an empty image, numbers that are
 /// not finite, a view that is not rigid or mirrors, a projection that is orthographic, left-handed,
 /// skewed, mirrored or has an oblique near plane, and a near plane that is not in front.
 template <Real T>
@@ -113,7 +113,7 @@ Pinhole<T> pinhole_from_opengl(const Mat<T, 4, 4>& view, const Mat<T, 4, 4>& pro
                  : clip == ClipDepth::zero_to_one    ? T(0)
                                                      : T(1);
     const T near_depth = p(2, 3) / (at + p(2, 2));
-    const bool grows = clip != ClipDepth::one_to_zero; // device z, with depth
+    const bool grows = clip != ClipDepth::one_to_zero; // device z increases with depth
     require(std::isfinite(near_depth) && near_depth > T(0) && (p(2, 3) < T(0)) == grows, who,
             "projection(2, 2) is ", p(2, 2), " and projection(2, 3) ", p(2, 3),
             ", which puts the near plane of device z ", at, " at depth ", near_depth,

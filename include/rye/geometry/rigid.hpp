@@ -7,7 +7,7 @@
 
 namespace rye {
 
-/// The motion y = rotation x + translation.
+/// Rigid motion y = rotation x + translation.
 template <Scalar T>
 struct Rigid {
     Mat3<T> rotation = identity_rotation();                 ///< orthogonal, determinant 1

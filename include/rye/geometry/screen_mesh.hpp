@@ -63,7 +63,7 @@ ScreenMesh<T> screen_mesh(const ColumnsView<T>& vertices, const Pinhole<real_t<T
 }
 
 /// Returns the gradient of the vertices, 3 x M, given those of their camera points, 3 x M, and
-/// image points, 2 x M, the latter 0 for vertices that are not beyond near_depth.
+/// image points, 2 x M, the latter being 0 for vertices that are not beyond near_depth.
 template <class T>
 Columns<T> screen_mesh_vjp(const ScreenMesh<T>& mesh, const Pinhole<real_t<T>>& view,
                            Columns<widened_t<T>> g_camera, const Columns<widened_t<T>>& g_image) {
@@ -122,7 +122,7 @@ std::vector<ScreenFace> screen_faces(const ScreenMesh<T>& mesh, const std::vecto
     return out;
 }
 
-/// The faces, by index, whose boxes grown by a margin overlap a band of rows.
+/// Faces, by index, whose boxes plus a margin overlap a band of rows.
 struct FaceBands {
     static constexpr int rows = 16;  ///< fixed, so results do not depend on the number of threads
     std::vector<Index> begin;        ///< faces[begin[b]] ... faces[begin[b + 1] - 1] are in band b
@@ -131,13 +131,13 @@ struct FaceBands {
     Index count() const { return static_cast<Index>(begin.size()) - 1; }
 };
 
-/// One band of rows and its faces.
+/// Band of rows and its faces.
 struct FaceBand {
     const Index *first, *last;  ///< indices of its faces
-    int row, rows;              ///< its first row, their number
+    int row, rows;              ///< first row, number of rows
 };
 
-/// The faces of a projected mesh, with their boxes.
+/// Faces of a projected mesh, with their boxes.
 template <Scalar T>
 struct ScreenFaces {
     const ScreenMesh<T>& mesh;

@@ -19,13 +19,13 @@ namespace rye {
 struct SilhouetteSettings {
     double sharpness = 7000;  ///< [1 / (half image width)^2]; .652 at one pixel of 256
     double reach = 0.02;      ///< margin around a face's box [half image widths]
-    int max_faces = 30;       ///< per pixel, those of lowest index; 0: only the hard mask
+    int max_faces = 30;       ///< largest number per pixel, by lowest index; 0: the hard mask alone
     double pixels(int width) const { return 0.5 * reach * width; }                   ///< [px]
 };
 
-/// The faces that contribute to the uncovered pixels of one band of rows.
+/// Faces that contribute to the uncovered pixels of one band of rows.
 struct SilhouetteTrace {
-    /// The outline's point nearest to the pixel: a + t (b - a), a and b being vertices. By the
+    /// Point of the outline nearest to the pixel: a + t (b - a), with vertices a and b. By the
     /// envelope theorem t is constant in the derivative of the squared distance.
     struct Nearest {
         std::int32_t a, b;
@@ -61,7 +61,7 @@ SilhouetteTrace::Nearest nearest_on_outline(const ScreenMesh<T>& mesh, const Fac
     return best;
 }
 
-/// Returns the offset from the pixel centre to the outline's point, [half image widths].
+/// Returns the offset from the pixel centre to the outline's point [half image widths].
 template <class T>
 Vec2<widened_t<T>> to_outline(const ScreenMesh<T>& mesh, const SilhouetteTrace::Nearest& n,
                               Index pixel, int width) {
@@ -76,8 +76,8 @@ Vec2<widened_t<T>> to_outline(const ScreenMesh<T>& mesh, const SilhouetteTrace::
 
 } // namespace detail
 
-/// Finds the contributing faces of one band, where `covered` has one entry per pixel of the band.
-/// The band's faces are ordered by index.
+/// Finds the contributing faces of one band; `covered` has one entry per pixel of the band. The
+/// band's faces are ordered by index.
 template <class T>
 SilhouetteTrace silhouette_trace(const ScreenFaces<T>& screen, const FaceBand& band,
                                  const std::vector<std::uint8_t>& covered, int width,
@@ -141,7 +141,7 @@ SilhouetteTrace silhouette_trace(const ScreenFaces<T>& screen, const FaceBand& b
     return out;
 }
 
-/// A pixel of a trace, in an image of a width.
+/// Pixel of a trace, and the image's width.
 struct SilhouettePixel {
     const SilhouetteTrace& trace;
     std::size_t index;

@@ -3,11 +3,11 @@
 /// about the origin: by refraction (source inside, Snell's law) or by reflection (source outside,
 /// Alhazen's problem). Both are the stationary point Q of the optical path
 ///     L(Q) = n |Q - P| + |Q - C|,   |Q| = R,
-/// C the eye, P the source, n the source's refractive index over the eye's (1 for a mirror). Q lies
-/// in the plane of C, P and the origin, between their directions, so with a = C / |C|
+/// with C the eye, P the source, n the source's refractive index over the eye's (1 for a mirror). Q
+/// lies in the plane of C, P and the origin, between their directions, so with a = C / |C|
 ///     Q ~ (1 - w) R a + w s P,   w in [0, 1],   s = 1 inside, R / |P| outside,
-/// which needs no direction across the plane, so an eye on the axis, where there is none, is no
-/// special case. Lengths in any one unit.
+/// without a direction across the plane, so an eye on the axis, where there is none, is no special
+/// case. Lengths in any one unit.
 /// Source: Fermat's principle; the derivative is that of implicit functions.
 #pragma once
 
@@ -31,7 +31,7 @@ template <Scalar T>
 struct PathPoint {
     Vec3<T> at;
     T eye, source;               ///< |Q - C|, |Q - P|
-    T balance;                   ///< 0 where the path is stationary; decreases with w
+    T balance;                   ///< 0 if the path is stationary; decreases with w
     T slope;                     ///< d balance / dw
 };
 
@@ -97,13 +97,13 @@ struct PathPlane {
 
 } // namespace detail
 
-/// A sphere about the origin and the refractive index of its inside over the eye's (1: a mirror).
+/// Sphere about the origin, and the refractive index of its inside over the eye's (1: a mirror).
 template <Scalar T>
 struct OpticalSphere {
     T radius, index;
 };
 
-/// Returns the path from a source to an eye by way of the sphere. The eye must be outside. By a
+/// Returns the path from a source to an eye by way of the sphere. The eye must be outside. Uses a
 /// bracketed Newton's method on values; a final step carries the derivatives.
 template <Scalar T>
 RYE_HD SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source,

@@ -20,7 +20,7 @@ namespace rye {
 
 using Tet = std::array<Index, 4>;  ///< vertices (a, b, c, d)
 
-/// The corners of a tetrahedron's six edges, in the order of every table of edges.
+/// Corners of a tetrahedron's six edges, in the order of every table of edges.
 inline constexpr std::array<std::array<std::size_t, 2>, 6> tet_edge_corners{
     {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}}};
 
@@ -29,7 +29,7 @@ struct TetTopology {
     Index vertex_count = 0;
     std::vector<Tet> tets;
     std::vector<Edge> edges;                      ///< a < b, sorted lexicographically
-    std::vector<std::array<Index, 6>> tet_edges;  ///< edge of each tetrahedron and tet_edge_corners
+    std::vector<std::array<Index, 6>> tet_edges;  ///< edge at each of tet_edge_corners
 };
 
 /// Tetrahedra with positions of their vertices.
@@ -39,7 +39,8 @@ struct TetGrid {
     TetTopology topology;
 };
 
-/// Builds the edges. Throws Error if a vertex index is out of range or repeated in a tetrahedron.
+/// Builds the edges. Throws an Error if a vertex index is out of range or repeated in a
+/// tetrahedron.
 inline TetTopology tet_topology(Index vertex_count, std::vector<Tet> tets) {
     const auto at = [](Index i) { return static_cast<std::size_t>(i); };
     TetTopology out{vertex_count, std::move(tets), {}, {}};
@@ -90,10 +91,11 @@ T tet_volume(const ColumnsView<T>& vertices, const Tet& tet) {
     return area_vector<T>(a, b, c).dot(ad) / T(6);
 }
 
-/// Returns a body-centred cubic lattice that fills the box [lo, hi] exactly; throws Error for bad
-/// sizes. The cell edge is rounded to fit whole cells. Four tetrahedra surround each cell face: its
-/// four sides, joined to the two cell centres (at the box border, to the cell and face centres).
-/// Vertices: corners, then centres, then centres of border faces; about 12 tetrahedra a cell.
+/// Returns a body-centred cubic lattice that fills the box [lo, hi] exactly; throws an Error for
+/// bad sizes. The cell edge is rounded to fit whole cells. Four tetrahedra surround each cell face:
+/// its four sides, joined to the two cell centres (at the box border, to the cell and face
+/// centres). Vertices: corners, then centres, then centres of border faces; about 12 tetrahedra per
+/// cell.
 template <Real T>
 TetGrid<T> bcc_grid(const Vec3<T>& lo, const Vec3<T>& hi, T cell) {
     std::array<Index, 3> n{};

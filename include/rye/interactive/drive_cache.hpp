@@ -13,8 +13,8 @@
 ///                         both eyes' features
 ///     scale               none                                all
 ///
-/// What an avatar has not (driven features of the eyes, light by the head's rotation, any effect
-/// that its list does not name) is not computed.
+/// Features that an avatar lacks (driven features of the eyes, light by the head's rotation, any
+/// effect that its list does not name) are not computed.
 /// Memory: the rest pose; the outputs of each network; the driven Gaussians in the head and in the
 /// world; the light's gains.
 #pragma once
@@ -31,25 +31,25 @@ namespace rye {
 
 /// Effects whose Gaussians depend only on the drivers that a cache compares: expression, head pose
 /// and gaze. Effects that read the camera, such as CornealRefraction and Glint, change Gaussians
-/// with each view; what a user's own effects read is not known.
+/// with each view; the inputs of a user's own effects are not known.
 template <class E>
 concept KeptFromFrameToFrame = EffectSet<E> && !has_effect<E, ReadsCamera> && !has_own_effects<E>;
 
 /// Work of the last update.
 struct DriveWork {
-    Index networks = 0;   ///< networks evaluated; driven features of an eye count as one
-    Index points = 0;     ///< points evaluated, summed over networks
-    Index summed = 0;     ///< points of the face summed again
-    Index eyes = 0;       ///< eyeballs transformed again
-    Index lit = 0;        ///< gains of the light computed again
+    Index networks = 0;   ///< evaluated; driven features of an eye count as one
+    Index points = 0;     ///< evaluated, summed over networks
+    Index summed = 0;     ///< points of the face summed
+    Index eyes = 0;       ///< eyeballs transformed
+    Index lit = 0;        ///< gains of the light computed
 };
 
-/// An avatar's driven Gaussians, of which an update computes again only what changed drivers move.
+/// Cache of an avatar's driven Gaussians, which recomputes only those that changed drivers move.
 template <Backend B, Real T, EffectSet E = PaperEffects>
     requires KeptFromFrameToFrame<E>
 class DriveCache {
   public:
-    /// The avatars that it takes.
+    /// Type of the avatars.
     using Avatar = TwoStream<T, E>;
 
     /// The avatar, its configuration and roles must outlive the cache. Call reset() when the
@@ -70,34 +70,34 @@ class DriveCache {
         last_.reset();
     }
 
-    /// Updates the Gaussians to the drivers, whose gazes are as those of drive().
+    /// Updates the Gaussians to the drivers, whose gazes are as for drive().
     const Gaussians<T>& update(const Drivers<T, E>& drivers) {
         work_ = {};
         changed_.clear();
         if (!rest_) begin();
-        const Drivers<T, E>& optical = optical_drivers(avatar_->eyes, drivers);
-        const Changes c = changes(optical);
+        const OpticalDrivers<T, E> optical = optical_drivers(avatar_->eyes, drivers);
+        const Changes c = changes(optical.drivers);
         if (!c.any()) return world_;
         last_.reset();  // invalid until the update is complete
         code_ = frame_code(*config_, optical);
         run_networks(c);
         if constexpr (has_effect<E, HeadPose>)
-            if (c.moves_all()) head_ = head_transform(optical);
-        light(c, optical);
+            if (c.moves_all()) head_ = head_transform(optical.drivers);
+        light(c, optical.drivers);
         sum_face(c);
         place_eyes(c, optical);
-        last_ = optical;
+        last_ = optical.drivers;
         return world_;
     }
 
-    /// In the world, the face's first.
+    /// Returns the Gaussians in the world, the face's first.
     const Gaussians<T>& gaussians() const { return world_; }
-    /// Columns that the last update changed, ascending.
+    /// Returns the columns that the last update changed, ascending.
     const std::vector<Index>& changed() const { return changed_; }
     const DriveWork& work() const { return work_; }
     const RestPose<T, E>& rest() const { return *rest_; }
 
-    /// Size of all cached data.
+    /// Returns the size of all cached data [bytes].
     std::size_t bytes() const {
         Index numbers = attributes_.size() + gain_.size(), indices = 0;
         const auto add = [&](const std::string&, const Columns<T>& a) { numbers += a.size(); };
@@ -127,7 +127,7 @@ class DriveCache {
         Columns<T> color, deform, attributes;
     };
     struct Changes {
-        bool first = false; ///< nothing is known yet
+        bool first = false; ///< true until the first evaluation
         std::array<bool, face_drivers> driver{};
         bool scale = false, light = false;
         bool any() const {
@@ -208,7 +208,7 @@ class DriveCache {
         });
     }
 
-    /// The light's gains by the head's rotation.
+    /// Computes the light's gains from the head's rotation.
     void light(const Changes& c, [[maybe_unused]] const Drivers<T, E>& drivers) {
         if (!c.light) return;
         if constexpr (has_effect<E, HeadShading>)
@@ -279,7 +279,7 @@ class DriveCache {
         }, world_, part_);
     }
 
-    /// f(head...) with the head's transform, if the avatar has one.
+    /// Calls f(head...) with the head's transform, if the avatar has one.
     template <class F>
     decltype(auto) with_head(F&& f) const {
         if constexpr (has_effect<E, HeadPose>)
@@ -288,7 +288,7 @@ class DriveCache {
             return f();
     }
 
-    void place_eyes(const Changes& c, const Drivers<T, E>& drivers) {
+    void place_eyes(const Changes& c, const OpticalDrivers<T, E>& drivers) {
         const EyeStream<T, E>& eyes = avatar_->eyes;
         std::array<bool, 2> moved{c.driver[2] || c.moves_all(), c.driver[3] || c.moves_all()};
         Columns<T> centre = eyes.centre;
@@ -321,7 +321,7 @@ class DriveCache {
                 });
                 for_each(backend_, n,
                          PlaceEyePoint<T>{arrays_of(eyes).from(first),
-                                          eyes.position.data() + 3 * first, n,
+                                          eyes.position.data() + 3 * first,
                                           columns_from(to, {first, n}), &placed});
                 ++work_.eyes;
             }
@@ -330,8 +330,9 @@ class DriveCache {
         });
     }
 
-    /// Writes the features of eyes whose drivers or light changed; returns of which.
-    std::array<bool, 2> write_eye_features(const Changes& c, const Drivers<T, E>& drivers) {
+    /// Writes the features of eyes whose drivers or light changed; returns those eyes.
+    std::array<bool, 2> write_eye_features(const Changes& c,
+                                           const OpticalDrivers<T, E>& drivers) {
         const EyeStream<T, E>& eyes = avatar_->eyes;
         std::array<bool, 2> which{}, driven{};
         for (std::size_t eye = 0; eye < 2; ++eye) {
@@ -360,7 +361,7 @@ class DriveCache {
         return which;
     }
 
-    /// The points that a set of drivers influences; computed once per set.
+    /// Returns the points that a set of drivers influences; computed once per set.
     const Reached& reached_by(const Changes& c) {
         std::size_t set = 0;
         for (std::size_t d = 0; d < face_drivers; ++d) set |= std::size_t(c.driver[d]) << d;

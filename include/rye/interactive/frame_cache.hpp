@@ -26,8 +26,8 @@
 
 namespace rye {
 
-/// Driven Gaussians, their render and the upsampled image from frame to frame, each updated where
-/// it changed.
+/// Driven Gaussians, their render and the upsampled image, of which a frame recomputes the changed
+/// parts.
 template <Backend B, AccuracyPolicy A, Real T, EffectSet E = PaperEffects>
     requires KeptFromFrameToFrame<E>
 class FrameCache {
@@ -35,7 +35,7 @@ class FrameCache {
                   "FrameCache: an upsampler of one's own is not kept from frame to frame");
 
   public:
-    /// The avatars that it takes.
+    /// Type of the avatars.
     using Avatar = TwoStream<T, E>;
 
     /// Avatar, configuration and roles must outlive the cache. Call reset() when the avatar's
@@ -56,7 +56,7 @@ class FrameCache {
         shown_.reset();
     }
 
-    /// Updates the render; `camera` is that of the render.
+    /// Updates and returns the render; `camera` is that of the render.
     const Raster<T, A::outputs>& update(const Drivers<T, E>& drivers, const Pinhole<T>& camera,
                                         const VecX<T>& background) {
         const bool whole = !shown_ || !redraw_.drawn() || !same_bits(camera, shown_->camera);
@@ -80,7 +80,7 @@ class FrameCache {
         return redraw_.raster();
     }
 
-    /// The last update's render after super-resolution.
+    /// Returns the last update's render after super-resolution.
     const Image<T>& picture() {
         require(shown_.has_value(), "FrameCache", "picture() was called before update()");
         const Image<T>& render = redraw_.raster().feature;
@@ -99,7 +99,7 @@ class FrameCache {
     std::size_t bytes() const { return drive_.bytes() + redraw_.bytes() + upsampler_.bytes(); }
 
   private:
-    /// If more than 1 / whole_share of the Gaussians moved, a full render is cheaper.
+    /// Reciprocal of the share of moved Gaussians beyond which a full render is cheaper.
     static constexpr Index whole_share = 2;
 
     struct Shown {

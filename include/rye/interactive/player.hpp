@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/interactive/player.hpp: pictures of a playable avatar, one after another: only what differs
-/// from the picture before is computed (interactive/frame_cache.hpp). Pictures have three channels
-/// in 0..1, sRGB as trained, at the size of the camera; they equal those of drive(),
+/// rye/interactive/player.hpp: successive pictures of a playable avatar, of which only the parts
+/// that differ from the previous picture are computed (interactive/frame_cache.hpp). Pictures have
+/// three channels in 0..1, sRGB as trained, at the size of the camera; they equal those of drive(),
 /// Rasterizer::forward and upsampler_forward bit for bit.
 /// Memory: that of the frame cache.
 #pragma once
@@ -15,15 +15,15 @@
 
 namespace rye {
 
-/// What the last picture took.
+/// Work of the last picture.
 struct PlayedWork {
-    Index gaussians = 0; ///< that moved
-    Index networks = 0;  ///< that were evaluated
+    Index gaussians = 0; ///< moved
+    Index networks = 0;  ///< evaluated
     Index tiles = 0;     ///< of the render, blended whole or in part
-    Index pixels = 0;    ///< of the picture after super-resolution, computed again
+    Index pixels = 0;    ///< of the picture after super-resolution, recomputed
 };
 
-/// The playable avatar must outlive the player and stay as it is.
+/// Player of a playable avatar, which must outlive it and not change.
 template <Backend B, Real T = float, AccuracyPolicy A = FeaturesOnly<Balanced>>
 class AvatarPlayer {
   public:
@@ -32,10 +32,10 @@ class AvatarPlayer {
           cache_(backend, playable.avatar, playable.config, playable.roles) {}
     AvatarPlayer(const B&, const PlayableAvatar<T>&&) = delete; // it would not outlive the player
 
-    /// The picture; valid until the next call. Gazes are as PlayableAvatar's, `camera` is that of
-    /// the picture, `background` the feature behind the head, C. Throws Error for drivers, a
-    /// camera or a background that do not suit the avatar (check_drivers, check_camera), and if the
-    /// drivers lead to Gaussians that are not finite.
+    /// Returns the picture, valid until the next call. Gazes are as PlayableAvatar's, `camera` is
+    /// that of the picture, `background` the feature behind the head, C. Throws an Error for
+    /// drivers, a camera or a background that do not suit the avatar (check_drivers, check_camera),
+    /// and if the drivers lead to Gaussians that are not finite.
     const Image<T>& draw(const Drivers<T>& drivers, const Pinhole<T>& camera,
                          const VecX<T>& background) {
         const std::string who = "AvatarPlayer";
@@ -61,14 +61,14 @@ class AvatarPlayer {
     }
 
     const PlayedWork& work() const { return work_; }
-    /// The Gaussians of the last picture, in the world, the face's first.
+    /// Returns the Gaussians of the last picture, in the world, the face's first.
     const Gaussians<T>& gaussians() const { return cache_.drive().gaussians(); }
     const PlayableAvatar<T>& playable() const { return *playable_; }
-    /// Size of all cached data.
+    /// Returns the size of all cached data [bytes].
     std::size_t bytes() const { return cache_.bytes(); }
 
   private:
-    /// Numbers that are not finite draw nothing, or anything: neither is a picture of the avatar.
+    /// Throws an Error if a drawn number is not finite: it draws nothing, or anything.
     void check_drawn(const std::string& who) {
         const Gaussians<T>& g = cache_.drive().gaussians();
         for (const Index i : cache_.drive().changed()) {

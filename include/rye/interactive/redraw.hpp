@@ -2,8 +2,8 @@
 /// rye/interactive/redraw.hpp: incremental rendering. Changed Gaussians are projected again and
 /// binned into the lists of their tiles, and only tiles that their old or new footprints overlap
 /// are blended again: tiles with few changes only in the strips that these overlap, and not at all
-/// if all pixels saturate before the first change. Lists have the entries and the order of those of
-/// Rasterizer::forward, for the same kernels, so images are equal bit for bit. Pixel units. Memory:
+/// if all pixels saturate before the first change. Lists have the entries and order of
+/// Rasterizer::forward with the same kernels, so images are equal bit for bit. Pixel units. Memory:
 /// the trace and scratch of one render, a second copy of the lists, and the changes once more.
 #pragma once
 
@@ -19,12 +19,12 @@ namespace rye {
 
 /// Work of the last call.
 struct RedrawWork {
-    Index projected = 0;  ///< Gaussians
-    Index blended = 0;    ///< tiles, whole or in part
-    Index whole = 0;      ///< of these, whole
+    Index projected = 0;  ///< Gaussians projected
+    Index blended = 0;    ///< tiles blended, whole or in part
+    Index whole = 0;      ///< tiles blended whole
 };
 
-/// A render that is updated: only tiles whose Gaussians changed are drawn again, with the bits of a
+/// Render that is updated: only tiles whose Gaussians changed are drawn again, with the bits of a
 /// whole render.
 template <Backend B, AccuracyPolicy A, Real T>
 class Redraw {
@@ -37,12 +37,13 @@ class Redraw {
         : backend_(backend),
           rasterizer_(rasterizer) {}
 
-    /// The images. Their trace does not suit a vjp: the lists have no slots for partial gradients.
+    /// Returns the images. Their trace does not suit a vjp: the lists have no slots for partial
+    /// gradients.
     const Raster<T, A::outputs>& raster() const { return raster_; }
-    /// Pixels that the last call may have changed.
+    /// Returns the pixels that the last call may have changed.
     const Region& region() const { return region_; }
     const RedrawWork& work() const { return work_; }
-    /// Whether there is an image to update.
+    /// Returns true if there is an image to update.
     bool drawn() const { return drawn_; }
 
     /// Renders the whole image.
@@ -94,7 +95,7 @@ class Redraw {
         drawn_ = true;
     }
 
-    /// Size of all cached data.
+    /// Returns the size of all cached data [bytes].
     std::size_t bytes() const {
         const auto of = [](const auto&... v) {
             return (std::size_t(0) + ... + (v.capacity() * sizeof(v[0])));
@@ -312,7 +313,7 @@ class Redraw {
         change.redraw = !(used < before && used <= same);
     }
 
-    /// Order of the lists: depth, then index.
+    /// Returns true if a is before b in the lists: by depth, then index.
     bool nearer(std::uint32_t a, std::uint32_t b) const {
         const RasterTrace<T>& trace = raster_.trace;
         return key_[a] < key_[b] ||
@@ -333,8 +334,8 @@ class Redraw {
         count(projected);
     }
 
-    /// Counts the work and the region. A tile blended in part has no number of entries read to its
-    /// end.
+    /// Counts the work and the changed region; marks the whole list of a tile blended in part as
+    /// used.
     void count(Index projected) {
         work_ = {projected, static_cast<Index>(blended_.size()), 0};
         region_ = Region(camera_.width, camera_.height);
@@ -368,14 +369,14 @@ class Redraw {
     Pinhole<T> camera_;
     VecX<T> background_;
     std::vector<Key> key_;             ///< depth of each member
-    std::vector<std::uint8_t> moved_;  ///< whether each member changed, during a redraw
+    std::vector<std::uint8_t> moved_;  ///< true for members that changed, during a redraw
     std::vector<TileChange> tiles_;
     std::vector<Keyed<Key>> order_, order_buffer_;  ///< the changed ones, by depth
     std::vector<TileLists::Entry> fresh_;  ///< entries that enter tiles, tile by tile
     TileLists next_;
     RasterTrace<T> few_;               ///< the changes of tiles with few of them
     std::vector<Index> cursor_;
-    std::vector<StripMask> found_;     ///< strips that these overlap
+    std::vector<StripMask> found_;     ///< strips that they overlap
     std::vector<Index> blended_;
     std::vector<StripMask> drawn_strips_;
     Region region_{0, 0};

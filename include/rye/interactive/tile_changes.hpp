@@ -18,7 +18,7 @@ struct TileChange {
     /// blending; more changes overlap most strips anyway.
     static constexpr std::uint32_t most_few = 64;
 
-    std::uint32_t left = 0, entered = 0;  ///< entries
+    std::uint32_t left = 0, entered = 0;  ///< number of entries
     std::uint32_t fresh = 0;              ///< offset of its entering entries among all of them
     std::uint32_t mask = whole_tile;      ///< index of its strip mask, if blended in part
     bool redraw = false;
@@ -27,7 +27,7 @@ struct TileChange {
     bool few() const { return changes() && left + entered <= most_few; }
 };
 
-/// Merges the entries of `old` that have not left with those of `entered`, both sorted, into `to`.
+/// Merges into `to` the entries of `old` that have not left and those of `entered`, both sorted.
 /// Returns the number of leading entries equal to the old list's.
 template <class Entry, class Left, class Nearer>
 Index merge_entries(std::span<const Entry> old, std::span<const Entry> entered, Entry* to,

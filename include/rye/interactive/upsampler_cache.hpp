@@ -14,12 +14,12 @@
 
 namespace rye {
 
-/// Whether a change of the input affects only pixels nearby.
+/// Returns true if a change of the input affects only pixels nearby.
 inline bool is_local(const UpsamplerShape& s) {
     return s.norm == Normalization::none && s.doublings == 0;
 }
 
-/// An upsampled image that is updated around the pixels of its input that changed.
+/// Upsampled image that is updated around the changed pixels of its input.
 template <Backend B, Real T>
 class UpsamplerCache {
   public:
@@ -37,7 +37,7 @@ class UpsamplerCache {
         return out_;
     }
 
-    /// Updates the image to an input that differs from the last one only in this region.
+    /// Updates the image to an input that differs from the last one only in `changed`.
     const Image<T>& redraw(const Upsampler<T>& u, const Image<T>& in, const Region& changed) {
         pixels_ = 0;
         if (changed.empty()) return out_;
@@ -53,7 +53,7 @@ class UpsamplerCache {
     }
 
     const Image<T>& picture() const { return out_; }
-    /// Number of pixels that the last call recomputed.
+    /// Returns the number of pixels that the last call recomputed.
     Index pixels() const { return pixels_; }
 
     std::size_t bytes() const {
@@ -63,13 +63,13 @@ class UpsamplerCache {
     }
 
   private:
-    /// Convolves layer l where its input changed; returns where its output changed.
+    /// Convolves layer l where its input changed; returns the region where its output changed.
     Region convolve(const Upsampler<T>& u, const Image<T>& in, int l, const Region& changed) {
         const auto i = static_cast<std::size_t>(l);
         Image<T>& to = trace_.normal[i];
         const Columns<T>& weight = u.conv[i];
         const Image<T>& from = l == 0 ? in : trace_.normal[i - 1];
-        // A matrix product may round a column by its position: without lanes, whole rows.
+        // A matrix product may round a column by its position: without lanes, convolve whole rows.
         const bool lanes = detail::runs_in_lanes<B, T>(weight.rows(), from.channels(), to.width);
         Region region = changed.grown(narrowest);
         region.widen(lanes ? narrowest : to.width);
@@ -86,10 +86,10 @@ class UpsamplerCache {
         return region;
     }
 
-    /// Windows narrower than this are not convolved in lanes.
+    /// Width below which windows are not convolved in lanes.
     static constexpr int narrowest = 8;
 
-    /// f(pixel) of a window and its neighbours, zeros outside the image.
+    /// Returns f(pixel) of a window and its neighbours, zeros outside the image.
     template <class F>
     static Padded<T> cut(const Image<T>& image, const Window& w, const F& f) {
         const Index c = image.channels(), pitch = w.width() + 2;
@@ -109,8 +109,9 @@ class UpsamplerCache {
         return out;
     }
 
-    /// Vectors of the last layer and columns of its products come in eights from the start of a
-    /// chunk: runs of pixels that begin and end at multiples have the bits of the whole chunk.
+    /// Computes the last layer. Its vectors, and the columns of its products, come in eights from
+    /// the start of a chunk: runs of pixels that begin and end at multiples of eight have the bits
+    /// of the whole chunk.
     void last_layer(const Upsampler<T>& u, const Image<T>& in, const Region& changed) {
         const Index n = out_.size(), grain = detail::last_layer_grain;
         runs_.clear();
@@ -144,11 +145,11 @@ class UpsamplerCache {
         for (const Run& r : runs_) pixels_ += r.end - r.begin;
     }
 
-    /// Pixels [begin, end) of one chunk.
+    /// Run of pixels [begin, end) of one chunk.
     struct Run {
         Index begin, end;
     };
-    /// Shorter products take another code path.
+    /// Length below which products take another code path.
     static constexpr Index shortest = 16;
 
     UpsamplerTrace<T> trace_;

@@ -16,7 +16,7 @@ namespace rye {
 
 namespace detail {
 
-/// The mean over the window of its numbers: the middle, then pairs from the ends on.
+/// Returns the windowed mean of numbers: the middle one, then pairs from the ends inwards.
 template <class V, class W>
 [[gnu::always_inline]] RYE_HD inline V along_window(const W& weight,
                                                     const Array<V, ssim_window>& x) {
@@ -26,8 +26,8 @@ template <class V, class W>
     return sum;
 }
 
-/// Separable means over the window, first down a column, then along a row, zero-padded. Pixels are
-/// `channels` adjacent numbers.
+/// Separable means over the window, first down a column, then along a row, with zero padding.
+/// Pixels are `channels` adjacent numbers.
 template <class T>
 struct Window {
     using R = real_t<T>;
@@ -45,9 +45,9 @@ struct Window {
                        [](double x) { return static_cast<R>(x); });
     }
 
-    /// Numbers of a row with padding at both ends.
+    /// Returns the length of a row with padding at both ends.
     Index padded() const { return row + 2 * reach * channels; }
-    /// Offset of the row within a padded row.
+    /// Returns the offset of the row within a padded row.
     Index inside() const { return reach * channels; }
 
     /// Calls f(weight, start of the row) for the rows under the window around row y.
@@ -57,7 +57,7 @@ struct Window {
         for (Index r = std::max<Index>(0, y - reach); r <= last; ++r)
             f(weight[static_cast<std::size_t>(r - y + reach)], r * row);
     }
-    /// The mean along a row; `from` points to the start of the window.
+    /// Returns the mean along a row; `from` points to the start of the window.
     template <class V>
     V along(const T* from) const {
         Array<V, ssim_window> x;
@@ -73,8 +73,8 @@ struct SsimSlopes {
     V value, by_x, by_xx, by_xy;
 };
 
-/// From the windowed means u of x and v of y, the covariance of x and y, and the sum of both
-/// variances.
+/// Returns SSIM from the windowed means u of x and v of y, the covariance of x and y, and the sum
+/// of their variances.
 template <class V>
 [[gnu::always_inline]] RYE_HD inline SsimSlopes<V> ssim_slopes(const V& u, const V& v,
                                                                const V& covariance,
@@ -89,19 +89,20 @@ template <class V>
             V(share * two * d2)};
 }
 
-/// The cotangent of x, from the windowed means of the slopes by the means of x, x^2 and x y.
+/// Returns the cotangent of x, from the windowed means of the slopes by the means of x, x^2 and
+/// x y.
 template <class V>
 [[gnu::always_inline]] RYE_HD inline V ssim_pull(const V& x, const V& y, const V& by_x,
                                                  const V& by_xx, const V& by_xy) {
     return by_x + V(2) * x * by_xx + y * by_xy;
 }
 
-/// Rows of a chunk.
+/// Number of rows per chunk.
 inline constexpr Index dssim_rows = 8;
 
 } // namespace detail
 
-/// 1 - mean SSIM over all pixels and channels, and its cotangent of a. Images in 0..1.
+/// Returns 1 - mean SSIM over all pixels and channels, and its cotangent of a. Images in 0..1.
 template <class T, Backend B>
 LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
     using W = widened_t<T>;
@@ -109,7 +110,7 @@ LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
     const detail::Window<T> window(a);
     const Index size = a.pixels.size(), row = window.row, padded = window.padded();
     const T *const x = a.pixels.data(), *const y = b.pixels.data();
-    // The slopes of the loss with respect to the means of x, x^2 and x y.
+    // Slopes of the loss with respect to the means of x, x^2 and x y.
     Columns<T> by_x(a.pixels.rows(), a.pixels.cols()), by_xx = by_x, by_xy = by_x;
     const auto share =
         static_cast<real_t<T>>(-1.0 / static_cast<double>(std::max<Index>(size, 1)));

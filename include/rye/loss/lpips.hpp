@@ -16,14 +16,14 @@
 
 namespace rye {
 
-/// An image in -1..1 is normalised to (x - shift) / scale, channel by channel.
+/// Shift of red, green and blue: an image in -1..1 is normalised to (x - shift) / scale.
 inline constexpr std::array<double, 3> lpips_shift{-0.030, -0.088, -0.188};
 /// Divisors of red, green and blue after lpips_shift.
 inline constexpr std::array<double, 3> lpips_scale{0.458, 0.448, 0.450};
-/// Added to the norm of a feature vector.
+/// Number added to the norm of a feature vector.
 inline constexpr double lpips_eps = 1e-10;
 
-/// The network and the weights (channels x 1, not negative) of its slices.
+/// Network, and weights of its slices (channels x 1, not negative).
 template <class T>
 struct LpipsWeights {
     Vgg<T> net;
@@ -43,18 +43,19 @@ struct LpipsWeights {
 
 namespace detail {
 
-/// A feature, or a vector of them, divided by s, the vector's norm plus lpips_eps.
+/// Returns a feature, or a vector of them, divided by s, the feature vector's norm plus lpips_eps.
 template <class X, class S>
 RYE_HD auto of_unit_length(const X& f, const S& s) {
     return f / s;
 }
-/// The cotangent of f, given g, that of f / s, and dot = <f, g>; s = r + lpips_eps, r = |f|.
+/// Returns the cotangent of f, given g, that of f / s, and dot = <f, g>; s = r + lpips_eps, r =
+/// |f|.
 template <class X, class G, class S>
 RYE_HD auto unit_length_vjp(const X& f, const G& g, const S& dot, const S& r, const S& s) {
     return g / s - f * (dot / (r * s * s));
 }
 
-/// Contribution of one slice: the value, and the cotangent of the first features.
+/// Returns the contribution of one slice: the value, and the cotangent of the first features.
 template <class T, Backend B>
 LossGradient<T> lpips_slice(const B& backend, const Columns<T>& fa, const Columns<T>& fb,
                             const Columns<T>& weight) {
@@ -84,7 +85,7 @@ LossGradient<T> lpips_slice(const B& backend, const Columns<T>& fa, const Column
     return loss;
 }
 
-/// Maps 0..1 to the range of the network's training.
+/// Maps an image in 0..1 to the range of the network's training.
 template <class T>
 Image<T> lpips_input(const Image<T>& image) {
     Image<T> out = image;
@@ -99,12 +100,12 @@ Image<T> lpips_input(const Image<T>& image) {
 
 } // namespace detail
 
-/// A PerceptualLoss, with the gradient of the first image.
+/// LPIPS as a PerceptualLoss, with the gradient of the first image.
 template <class T>
 struct LpipsVgg {
     LpipsWeights<T> weights;
 
-    /// The distance alone, without its gradient.
+    /// Returns the distance alone, without its gradient.
     template <Backend B>
     T value(const B& backend, const Image<T>& a, const Image<T>& b) const {
         const auto [ta, tb] = traces(backend, a, b);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/loss/mesh_terms.hpp: the seven losses of the guidance mesh (stage 1), unweighted.
 /// Each takes plain columns and returns value and gradient. Units: lengths as given, colours and
-/// masks in 0 ... 1. Sums run in double for float. |x| has derivative 0 at 0.
+/// masks in 0..1. Sums of floats run in double. |x| has derivative 0 at 0.
 /// Source: the paper's L_RGB, L_sil, L_def, L_offset, L_lmk, L_lap, L_eyeoffset, with the means
 /// as in Gaussian Head Avatar.
 #pragma once
@@ -17,7 +17,7 @@
 namespace rye {
 
 /// A loss, its gradient, and the number of values in its mean. A mean over nothing has value 0,
-/// count 0 and gradient 0: it can be added, and its absence remains visible.
+/// count 0 and gradient 0: it can be added, and its absence stays visible.
 template <class T>
 struct LossTerm : LossGradient<T> {
     Index count = 0;
@@ -25,7 +25,7 @@ struct LossTerm : LossGradient<T> {
 
 namespace detail {
 
-/// sum of x^2 / n and its gradient.
+/// Returns the sum of x^2 / n and its gradient.
 template <class T>
 LossTerm<T> sum_of_squares(const ColumnsView<T>& x, Index n) {
     using W = widened_t<T>;
@@ -43,7 +43,7 @@ LossTerm<T> sum_of_squares(const ColumnsView<T>& x, Index n) {
     return out;
 }
 
-/// mean of |x| and its gradient.
+/// Returns the mean of |x| and its gradient.
 template <class T>
 LossTerm<T> mean_absolute(const ColumnsView<T>& x) {
     using std::abs;
@@ -63,8 +63,8 @@ LossTerm<T> mean_absolute(const ColumnsView<T>& x) {
 
 } // namespace detail
 
-/// L_RGB: mean over pixels and channels of |(color - target) visible|. color, target: 3 x P,
-/// visible: 1 x P. Invisible pixels count in the mean, as zeros.
+/// Returns L_RGB: mean over pixels and channels of |(color - target) visible|. color, target:
+/// 3 x P, visible: 1 x P. Invisible pixels count in the mean, as zeros.
 template <class T, Backend B>
 LossTerm<T> color_term(const B& backend, const std::type_identity_t<ColumnsView<T>>& color,
                        const std::type_identity_t<ColumnsView<T>>& target,
@@ -72,8 +72,8 @@ LossTerm<T> color_term(const B& backend, const std::type_identity_t<ColumnsView<
     return {masked_l1<T>(backend, color, target, visible), color.size()};
 }
 
-/// L_sil: 1 - sum ab / (sum (a + b - ab) + 1e-10) with a = soft visible, b = mask visible, all
-/// 1 x P; the gradient is that of soft. Two empty masks give 0, count 0.
+/// Returns L_sil: 1 - sum ab / (sum (a + b - ab) + 1e-10) with a = soft visible, b = mask visible,
+/// all 1 x P, and its gradient with respect to soft. Two empty masks give 0, count 0.
 template <class T>
 LossTerm<T> silhouette_term(const ColumnsView<T>& soft, const ColumnsView<T>& mask,
                             const ColumnsView<T>& visible) {
@@ -100,28 +100,29 @@ LossTerm<T> silhouette_term(const ColumnsView<T>& soft, const ColumnsView<T>& ma
     return out;
 }
 
-/// L_def: mean over points and axes of the squared distance of deformed to observed landmarks,
-/// both 3 x L in the head frame.
+/// Returns L_def: mean over points and axes of the squared distance of deformed to observed
+/// landmarks, both 3 x L in the head frame.
 template <class T>
 LossTerm<T> deformation_term(const ColumnsView<T>& deformed, const ColumnsView<T>& observed) {
     const Columns<T> difference = deformed - observed;
     return detail::sum_of_squares<T>(difference, difference.size());
 }
 
-/// L_offset of one deformation: mean over points of the squared length of its raw output, D x M.
+/// Returns L_offset of one deformation: mean over points of the squared length of its raw output,
+/// D x M.
 template <class T>
 LossTerm<T> offset_term(const ColumnsView<T>& displacement) {
     return detail::sum_of_squares<T>(displacement, displacement.cols());
 }
 
-/// L_lmk: mean |sdf| at the neutral landmarks, 1 x L.
+/// Returns L_lmk: mean |sdf| at the neutral landmarks, 1 x L.
 template <class T>
 LossTerm<T> landmark_term(const ColumnsView<T>& sdf) {
     return detail::mean_absolute<T>(sdf);
 }
 
-/// L_lap: mean over vertices and axes of the squared uniform Laplacian of posed vertices, 3 x V in
-/// the world: its weight depends on the world's unit.
+/// Returns L_lap: mean over vertices and axes of the squared uniform Laplacian of posed vertices,
+/// 3 x V in the world; its weight depends on the world's unit.
 template <class T>
 LossTerm<T> laplacian_term(const ColumnsView<T>& vertices, const std::vector<Face>& faces) {
     const Columns<T> laplacian = uniform_laplacian<T>(vertices, faces);
@@ -130,7 +131,7 @@ LossTerm<T> laplacian_term(const ColumnsView<T>& vertices, const std::vector<Fac
     return out;
 }
 
-/// L_eyeoffset: mean over eyes and axes of |predicted - observed| displacement of the eyes'
+/// Returns L_eyeoffset: mean over eyes and axes of |predicted - observed| displacement of the eyes'
 /// centres, both 3 x 2 in the head frame.
 template <class T>
 LossTerm<T> eye_offset_term(const ColumnsView<T>& predicted, const ColumnsView<T>& observed) {

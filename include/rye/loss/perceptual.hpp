@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/loss/perceptual.hpp: losses on image structure instead of single pixels.
-/// The default needs no trained weights: L1 between the finite differences of two image pyramids.
-/// It is linear in a - b up to the final |.|, so the pyramid is that of the difference alone. LPIPS
-/// with a user's weights is in loss/lpips.hpp.
+/// rye/loss/perceptual.hpp: losses on image structure instead of single pixels. The default, which
+/// needs no trained weights, is L1 between the finite differences of two image pyramids. It is
+/// linear in a - b up to the final |.|, so the pyramid of the difference suffices. LPIPS with a
+/// user's weights is in loss/lpips.hpp.
 #pragma once
 
 #include <array>
@@ -17,18 +17,20 @@
 
 namespace rye {
 
-/// loss(backend, a, b): value, and cotangent of a.
+/// A loss(backend, a, b) that returns its value and its cotangent of a.
 template <class L>
 concept PerceptualLoss = requires(const L& loss, const ScalarBackend<>& backend,
                                   const Image<float>& a) {
     { loss(backend, a, a) } -> std::same_as<LossGradient<float>>;
 };
 
-/// sum over levels of weight (mean |horizontal difference| + mean |vertical difference|), of a - b.
-/// Each level is the 2 x 2 average of the previous one, without an odd last row or column.
+/// Sum over the levels of a - b of weight (mean |horizontal difference| + mean |vertical
+/// difference|). Each level is the 2 x 2 average of the previous one, without an odd last row or
+/// column.
 struct PyramidGradientLoss {
-    /// For level 0 (the image itself), 1 and 2. Equal: a coarse difference is larger for the same
-    /// edge, and a blur changes the fine ones, so neither needs a larger weight.
+    /// Weights of level 0 (the image itself), 1 and 2. They are equal: a coarse difference is
+    /// larger for the same edge, and a blur changes the fine ones, so neither needs a larger
+    /// weight.
     std::array<double, 3> weight{1.0, 1.0, 1.0};
 
     template <class T, Backend B>
@@ -38,10 +40,10 @@ static_assert(PerceptualLoss<PyramidGradientLoss>);
 
 namespace detail {
 
-/// Rows per chunk of the pyramid's passes.
+/// Number of rows per chunk of the pyramid's passes.
 inline constexpr Index pyramid_rows = 16;
 
-/// An uninitialised image.
+/// Returns an uninitialised image.
 template <class T>
 Image<T> unwritten(int width, int height, Index channels) {
     Image<T> image;
@@ -51,14 +53,15 @@ Image<T> unwritten(int width, int height, Index channels) {
     return image;
 }
 
-/// A number of the next level of the pyramid; its slope by each of the four is 1/4.
+/// Returns a number of the next level of the pyramid; its slope with respect to each argument is
+/// 1/4.
 template <class T>
 RYE_HD T average_of_four(const T& a, const T& b, const T& c, const T& d) {
     return T(0.25f) * (a + b + c + d);
 }
 
-/// The differences of a number to its neighbours: those to the next ones are its share of the
-/// loss, and all of them its slope.
+/// Differences of a number from its neighbours: those from the next ones are its share of the loss,
+/// all of them its slope.
 template <class V>
 struct DifferenceSum {
     V value = V(0), slope = V(0);
@@ -89,11 +92,11 @@ Image<T> halved(const B& backend, const Image<T>& in) {
     return out;
 }
 
-/// weight times mean |d(i + 1) - d(i)| along both axes; sets g to its slope.
+/// Returns weight times mean |d(i + 1) - d(i)| along both axes; sets g to its slope.
 template <class T, Backend B>
 T difference_l1(const B& backend, const Image<T>& d, double weight, Image<T>& g) {
     const Index w = d.width, h = d.height, c = d.channels(), row = w * c;
-    // Mean over existing differences; an axis of one pixel has none.
+    // Mean over the existing differences; an axis of one pixel has none.
     const auto share = [&](Index n) {
         return static_cast<real_t<T>>(n > 0 ? weight / static_cast<double>(n) : 0.0);
     };
@@ -104,7 +107,8 @@ T difference_l1(const B& backend, const Image<T>& d, double weight, Image<T>& g)
         for (Index y = first; y < last; ++y) {
             const T* const p = d.pixels.data() + y * row;
             T* const to = g.pixels.data() + y * row;
-            // Numbers [begin, end) of the row, with the same neighbours on each side.
+            // Processes numbers [begin, end) of the row, which have the same neighbours on each
+            // side.
             const auto run = [&](Index begin, Index end, bool left, bool right) {
                 each_vector<B, T>(begin, end, [&]<class V>(std::type_identity<V>, Index i) {
                     const V here = load_as<V>(p + i), one(across), other(down);

@@ -17,7 +17,7 @@
 
 namespace rye {
 
-/// A loss and its cotangent of the first image.
+/// Loss, and its cotangent of the first image.
 template <class T>
 struct LossGradient {
     T value = T(0);
@@ -26,7 +26,7 @@ struct LossGradient {
 
 namespace detail {
 
-/// Pixels per partial sum.
+/// Number of pixels per partial sum.
 inline constexpr Index loss_grain = 1024;
 
 template <class T>
@@ -45,14 +45,15 @@ void require_same_shape(const char* who, const ColumnsView<T>& a, const ColumnsV
 
 } // namespace detail
 
-/// A mask and the weight of its loss.
+/// Mask and weight of a loss.
 template <class T>
 struct WeightedMask {
     const Columns<T>& mask;  ///< 1 x pixels, or empty for 1 everywhere
     T weight;
 };
 
-/// One number of a masked difference: |d|, and its share of a cotangent of slope s: sign(d) s.
+/// Absolute difference of one masked number: |d|, and its share of a cotangent of slope s:
+/// sign(d) s.
 template <class T>
 struct AbsoluteDifference {
     T d;
@@ -68,8 +69,8 @@ struct AbsoluteDifference {
     }
 };
 
-/// mean |mask (a - b)| over all pixels and channels, masked or not; its slope at 0 is 0. Adds
-/// `weight` times its cotangent of a to g. a, b, g: channels x pixels.
+/// Returns mean |mask (a - b)| over all pixels and channels, masked or not; its slope at 0 is 0.
+/// Adds `weight` times its cotangent of a to g. a, b, g: channels x pixels.
 template <class T, Backend B>
 T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
                 const std::type_identity_t<ColumnsView<T>>& b,
@@ -105,8 +106,8 @@ T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
     return scalar_cast<T>(W(sum * W(1.0 / static_cast<double>(a.size()))));
 }
 
-/// Mean absolute difference over C channels, weighted by a mask (1 x pixels), and its gradient with
-/// respect to a.
+/// Returns the mean absolute difference over C channels, weighted by a mask (1 x pixels), and its
+/// gradient with respect to a.
 template <class T, Backend B>
 LossGradient<T> masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
                           const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {
@@ -116,7 +117,7 @@ LossGradient<T> masked_l1(const B& backend, const std::type_identity_t<ColumnsVi
     return loss;
 }
 
-/// mean of mask (a - b)^2 over all channels, relative to the sum of the mask, in double; 0 where
+/// Returns the mean of (a - b)^2 over pixels and channels, weighted by the mask, in double; 0 if
 /// the mask is 0 everywhere.
 template <class T>
 double mean_squared_error(const std::type_identity_t<ColumnsView<T>>& a,
@@ -133,7 +134,7 @@ double mean_squared_error(const std::type_identity_t<ColumnsView<T>>& a,
     return weight > 0 ? sum / weight : 0.0;
 }
 
-/// 10 log10(peak^2 / mean squared error) [dB]; +infinity for equal images.
+/// Returns 10 log10(peak^2 / mean squared error) [dB]; +infinity for equal images.
 template <class T>
 double psnr(const std::type_identity_t<ColumnsView<T>>& a,
             const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask,

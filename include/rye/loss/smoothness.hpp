@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/loss/smoothness.hpp: smoothness prior over a fixed neighbour graph: a mean of squared
-/// differences, for colours of points that few pixels observe. Data outweighs it where there is
-/// some; elsewhere a point takes its neighbours' value. Not in the paper; see docs/deviations.md.
+/// differences, for colours of points that few pixels observe. Observations outweigh it; a point
+/// without any takes its neighbours' value. Not in the paper; see docs/deviations.md.
 #pragma once
 
 #include <algorithm>
@@ -19,8 +19,8 @@ namespace rye {
 /// Neighbours of each point of a cloud, by index.
 using NeighbourGraph = std::vector<std::array<Index, 4>>;
 
-/// The four nearest neighbours of each point (3 x N, N > 4), ties by lower index. Adds `first` to
-/// every index. O(N^2): for the thousands of points of an eye.
+/// Returns the four nearest neighbours of each point (3 x N, N > 4), ties by lower index. Adds
+/// `first` to every index. O(N^2): for the thousands of points of an eye.
 template <Real T>
 NeighbourGraph four_nearest(const Columns<T>& points, Index first = 0) {
     const Index n = points.cols();
@@ -38,11 +38,11 @@ NeighbourGraph four_nearest(const Columns<T>& points, Index first = 0) {
     return graph;
 }
 
-/// A graph of an eyeball's points (eyeball frame: relative to its centre, iris toward +z, 3 x N,
-/// N > 4): for each the three nearest, and the nearest to where it is after a quarter turn about
-/// +z; the fourth nearest where that is itself or one of the three. An eyeball looks alike all
-/// around its axis, so that a part that no picture shows takes the colour of the same ring, not of
-/// the shadow at the edge of what was seen.
+/// Returns a graph of an eyeball's points (eyeball frame: relative to its centre, iris toward +z,
+/// 3 x N, N > 4): for each point the three nearest, and the one nearest to its position after a
+/// quarter turn about +z; the fourth nearest if that is the point itself or one of the three. An
+/// eyeball looks alike all around its axis, so that an unobserved part takes the colour of its
+/// ring, not of the shadow at the edge of the observed part.
 template <Real T>
 NeighbourGraph nearest_and_turned(const Columns<T>& points, Index first = 0) {
     NeighbourGraph graph = four_nearest(points, first);
@@ -59,7 +59,7 @@ NeighbourGraph nearest_and_turned(const Columns<T>& points, Index first = 0) {
 
 namespace detail {
 
-/// The slope of share d^2.
+/// Returns the slope of share d^2.
 template <class T>
 RYE_HD T square_slope(const T& share, const T& d) {
     return T(2) * share * d;
@@ -67,7 +67,7 @@ RYE_HD T square_slope(const T& share, const T& d) {
 
 } // namespace detail
 
-/// Points that have each point of a graph as a neighbour, ascending.
+/// Returns, for each point of a graph, the points that have it as a neighbour, ascending.
 inline std::vector<std::vector<Index>> neighbour_of(const NeighbourGraph& graph) {
     std::vector<std::vector<Index>> of(graph.size());
     for (std::size_t i = 0; i < graph.size(); ++i)
@@ -76,9 +76,9 @@ inline std::vector<std::vector<Index>> neighbour_of(const NeighbourGraph& graph)
     return of;
 }
 
-/// The mean over points and channels of the squared differences to the neighbours, and its
-/// gradient. values: C x N, one entry of the graph per column; `of` is neighbour_of(graph). A
-/// point's gradient is a sum in the order of the points that it has a part with.
+/// Returns the mean over points and channels of the squared differences to the neighbours, and its
+/// gradient. values: C x N, one entry of the graph per column; `of` is neighbour_of(graph). Each
+/// point's gradient is summed in a fixed order.
 template <class T, Threads P>
 LossGradient<T> smoothness(const P& threads, const Columns<T>& values, const NeighbourGraph& graph,
                            const std::vector<std::vector<Index>>& of) {

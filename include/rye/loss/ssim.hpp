@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/loss/ssim.hpp: structural similarity of two images in 0..1, 11 x 11 Gaussian, sigma 1.5.
-/// Written as (1 - (mx - my)^2 / (mx^2 + my^2 + C1)) (1 - var(x - y) / (var x + var y + C2)), which
-/// is the usual product, but exactly 1 for equal images and never above. In double throughout.
+/// rye/loss/ssim.hpp: structural similarity of two images in 0..1, with an 11 x 11 Gaussian window
+/// of sigma 1.5 px. Computed as (1 - (mx - my)^2 / (mx^2 + my^2 + C1)) (1 - var(x - y) / (var x +
+/// var y + C2)), which is the usual product, but exactly 1 for equal images and never above. In
+/// double throughout.
 /// Source: Wang et al., "Image Quality Assessment", 2004, eq. 13.
 #pragma once
 
@@ -24,7 +25,7 @@ inline constexpr double ssim_c2 = 9e-4;   ///< (0.03 * peak)^2
 
 namespace detail {
 
-/// Weights along one axis of the window; their sum is 1.
+/// Returns the weights along one axis of the window; their sum is 1.
 RYE_HD inline Array<double, ssim_window> ssim_weights() {
     Array<double, ssim_window> w{};
     double sum = 0;
@@ -39,7 +40,7 @@ RYE_HD inline Array<double, ssim_window> ssim_weights() {
 /// Five windowed means of a row: x, y, x^2, y^2, (x - y)^2. One array of width * channels each.
 using SsimRow = Eigen::Array<double, Eigen::Dynamic, 5>;
 
-/// Means over the window's columns for row y of the windows, then over its rows.
+/// Returns the five windowed means for row y of the windows.
 template <class T>
 SsimRow ssim_row(const Image<T>& a, const Image<T>& b, Index y,
                  const Array<double, ssim_window>& weight) {
@@ -61,7 +62,7 @@ SsimRow ssim_row(const Image<T>& a, const Image<T>& b, Index y,
     return mean;
 }
 
-/// (valid width * channels) values of a row of windows from their means.
+/// Returns the (valid width * channels) values of a row of windows from their means.
 inline Eigen::ArrayXd ssim_values(const SsimRow& m) {
     const Eigen::ArrayXd x2 = m.col(0).square(), y2 = m.col(1).square();
     const Eigen::ArrayXd d2 = (m.col(0) - m.col(1)).square();
@@ -73,8 +74,9 @@ inline Eigen::ArrayXd ssim_values(const SsimRow& m) {
 
 } // namespace detail
 
-/// Mean of the map over channels and over the windows that lie inside the image, each weighted by
-/// the mask (1 x pixels, or empty for 1 everywhere) at its centre; 1 where no window has weight.
+/// Returns the mean of the map over channels and over the windows that lie inside the image, each
+/// weighted by the mask (1 x pixels, or empty for 1 everywhere) at its centre; 1 if no window has
+/// weight.
 template <class T, Backend B>
 double ssim(const B& backend, const Image<T>& a, const Image<T>& b,
             const std::type_identity_t<Columns<T>>& mask) {

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/cornea.hpp: optics of a spherical cornea for one eye: refraction displaces the iris
-/// behind it, and the reflection of a light, the glint, is added to the colours. Frame: the
-/// eyeball's, origin at its centre; lengths in canonical head units; the camera and the lights are
-/// points of that frame.
+/// rye/rig/cornea.hpp: optics of a spherical cornea for one eye: refraction displaces the iris, and
+/// the reflection of a light, the glint, is added to the colours. Frame: the eyeball's, origin at
+/// its centre; lengths in canonical head units; the camera and the lights are points of that frame.
 /// Approximations: a Gaussian's centre moves onto its refracted ray, as far behind the cornea along
-/// that ray as before; its shape is kept. The sphere continues below the sclera. A point whose
-/// light is totally reflected on its way to the camera moves to the rim.
+/// that ray as before; its shape is unchanged. The corneal sphere continues below the sclera. A
+/// point whose light is totally reflected on its way to the camera moves to the rim.
 /// Source: Fermat's principle (geometry/sphere_path.hpp); radii of Gullstrand's eye.
 #pragma once
 
@@ -25,9 +24,9 @@ inline constexpr double glint_grazing = 0.1;
 /// A cornea in its eyeball's frame.
 template <Scalar T>
 struct Cornea {
-    Vec3<T> centre;              ///< of the corneal sphere [unit]
-    T radius;                    ///< [unit]
-    Vec3<T> axis;                ///< unit, out of the eye
+    Vec3<T> centre;              ///< centre of the corneal sphere [unit]
+    T radius;                    ///< radius of the corneal sphere [unit]
+    Vec3<T> axis;                ///< direction out of the eye, unit length
     T rim;                       ///< limbus along the axis, from the eyeball's centre [unit]
 };
 
@@ -38,7 +37,7 @@ struct RefractingCornea {
     T index;
 };
 
-/// View of a reflection: the camera and the light in the eyeball's frame, the glint's width [unit].
+/// Geometry of a reflection: camera and light in the eyeball's frame, width of the glint [unit].
 template <Scalar T>
 struct GlintView {
     Vec3<T> camera, light;
@@ -65,8 +64,8 @@ RYE_HD bool behind_cornea(const RefractingCornea<T>& refracting, const Vec3<T>& 
 
 } // namespace detail
 
-/// Apparent position of a point: refracted if it is within the corneal sphere and the camera is
-/// outside, else unchanged. An index of 1 changes no bit.
+/// Returns the apparent position of a point: refracted if it is within the corneal sphere and the
+/// camera is outside, else unchanged. An index of 1 changes no bit.
 template <Scalar T>
 RYE_HD Vec3<T> seen_through(const RefractingCornea<T>& refracting, const Vec3<T>& camera,
                             const Vec3<T>& point) {
@@ -77,7 +76,7 @@ RYE_HD Vec3<T> seen_through(const RefractingCornea<T>& refracting, const Vec3<T>
     return c.centre + detail::beyond(path.at, eye, source);
 }
 
-/// Returns the cotangent of the point; adds that of the camera.
+/// Returns the cotangent of the point; adds the camera's to g_camera.
 template <Scalar T>
 RYE_HD Vec3<T> seen_through_vjp(const RefractingCornea<T>& refracting, const Vec3<T>& camera,
                                 const Vec3<T>& point, const Vec3<T>& g, Vec3<T>& g_camera) {
@@ -108,7 +107,7 @@ RYE_HD Vec3<T> seen_through_vjp(const RefractingCornea<T>& refracting, const Vec
     const T far = norm(from_eye), depth = norm(from_source);
     const Vec3<T> ray = from_eye / far, up = normalized(from_source);
     const T along = dot(g, ray);
-    Vec3<T> turn, g_at;                                     // of the ray, divided by its length
+    Vec3<T> turn, g_at;                                     // turn: of the ray, over its length
     for (int i = 0; i < 3; ++i) {
         turn[i] = depth / far * (g[i] - ray[i] * along);
         g_at[i] = g[i] + up[i] * along + turn[i];
@@ -125,7 +124,7 @@ RYE_HD Vec3<T> seen_through_vjp(const RefractingCornea<T>& refracting, const Vec
 
 namespace detail {
 
-/// Smoothstep 3x^2 - 2x^3 clamped to [0, 1], and its slope.
+/// Returns the smoothstep 3x^2 - 2x^3 of x clamped to [0, 1].
 template <Scalar T>
 RYE_HD T smooth_step(const T& x) {
     const T u = x > T(0) ? (x < T(1) ? x : T(1)) : T(0);
@@ -136,7 +135,7 @@ RYE_HD T smooth_step_slope(const T& x) {
     return x > T(0) && x < T(1) ? T(T(6) * x * (T(1) - x)) : T(0);
 }
 
-/// Arguments of the smooth steps whose product is the strength of a reflection.
+/// Arguments to the smooth steps whose product is the strength of a reflection.
 template <Scalar T>
 struct GlintFades {
     T rim, grazing;
@@ -158,14 +157,14 @@ struct MirrorImage {
     bool seen;
 };
 
-/// Gradient of a reflection: of its image, and of the camera and the light.
+/// Gradient with respect to a reflection's image, the camera and the light.
 template <Scalar T>
 struct GlintGradient {
     MirrorImage<T> image;
     Vec3<T> camera, light;
 };
 
-/// The image of a point light in the cornea, in the eyeball's frame.
+/// Returns the image of a point light in the cornea, in the eyeball's frame.
 template <Scalar T>
 RYE_HD MirrorImage<T> mirror_image(const Cornea<T>& c, const GlintView<T>& view) {
     const Vec3<T> eye = view.camera - c.centre, source = view.light - c.centre;
@@ -179,7 +178,7 @@ RYE_HD MirrorImage<T> mirror_image(const Cornea<T>& c, const GlintView<T>& view)
     return {at, strength, strength > T(0)};
 }
 
-/// Adds the cotangents of camera and light to g, given that of the image in g.
+/// Adds the cotangents of camera and light to g; g.image holds the cotangent of the image.
 template <Scalar T>
 RYE_HD void mirror_image_vjp(const Cornea<T>& c, const GlintView<T>& v, const MirrorImage<T>& m,
                              GlintGradient<T>& g) {
@@ -202,8 +201,8 @@ RYE_HD void mirror_image_vjp(const Cornea<T>& c, const GlintView<T>& v, const Mi
     g.light += ends.source;
 }
 
-/// Brightness of a reflection at a point: strength exp(-d^2 / 2 width^2), d being the distance of
-/// the point from the camera's ray through the image.
+/// Returns the brightness of a reflection at a point: strength exp(-d^2 / 2 width^2), where d is
+/// the distance of the point from the camera's ray through the image.
 template <Scalar T>
 RYE_HD T glint_at(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>& point) {
     using std::exp;
@@ -212,8 +211,8 @@ RYE_HD T glint_at(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>&
     return m.strength * exp(constant<T>(-0.5) * dot(off, off) / (v.width * v.width));
 }
 
-/// Returns the cotangent of the point; adds those of image and camera to g. `g_log` is the
-/// cotangent of the value's logarithm, which is that of the value times the value.
+/// Returns the cotangent of the point; adds the image's and the camera's to g. `g_log` is the
+/// cotangent of the value's logarithm: the value's cotangent times the value.
 template <Scalar T>
 RYE_HD Vec3<T> glint_at_vjp(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>& point,
                             const T& g_log, GlintGradient<T>& g) {

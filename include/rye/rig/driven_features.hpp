@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/driven_features.hpp: features of the eyeballs' Gaussians that the frame drives: trained
-/// constants plus, for each eye, a small network of where a point is on the eyeball, where the gaze
-/// turns it to, the gaze, the head's rotation and the expression. So highlights and the shadow of
-/// the lids need not turn with the eyeball.
+/// constants plus, for each eye, a small network of the point's direction at rest and turned by the
+/// gaze, the gaze, the head's rotation and the expression. Highlights and the shadow of the lids
+/// thus need not turn with the eyeball.
 /// Frames: the eyeball's for template points, the head's for turned points and gazes.
 /// Source: paper section 3.2, the eye stream's "dedicated dynamic generator", whose inputs and size
 /// it does not give.
@@ -18,16 +18,16 @@
 
 namespace rye {
 
-/// An EyeAppearance: EyesBy<DrivenFeatures> names it. The networks' last layers start at 0, so that
-/// training starts with the picture of FreeFeatures; their weights of gaze, head rotation and
-/// expression start at 0, so that a driver that does not vary in training changes nothing later.
+/// An EyeAppearance, selected by EyesBy<DrivenFeatures>. The networks' last layers start at 0, so
+/// that training starts with the picture of FreeFeatures; the weights of gaze, head rotation and
+/// expression start at 0, so that a driver that is constant in training has no effect later.
 /// Without networks (default-constructed ones) the features are the constants.
 struct DrivenFeatures {
     static constexpr bool reads_inputs = true;
     static constexpr int frequencies = 3; ///< octaves of the encoding of directions
-    static constexpr int width = 48;      ///< of both hidden layers
+    static constexpr int width = 48;      ///< width of both hidden layers
 
-    /// Its trained parameters.
+    /// Trained parameters.
     template <class T>
     struct Parameters {
         Columns<T> feature;             ///< C x P: left eye, then right
@@ -39,15 +39,15 @@ struct DrivenFeatures {
             nested_fields<Mlp<T>>("right_appearance_mlp", f, p.networks[1]...);
         }
     };
-    /// Rows that a point gives a network: codes of its direction from the eyeball's centre at rest
-    /// and turned.
+    /// Returns the number of a network's inputs for a point: codes of its direction from the
+    /// eyeball's centre, at rest and turned.
     static constexpr Index point_inputs() { return 2 * encoded_size(3, frequencies); }
-    /// The shape of each network.
+    /// Returns the shape of each network.
     static MlpShape shape(const AppearanceSizes& sizes) {
         const int frame = 3 + (sizes.pose > 0 ? 3 : 0) + sizes.expression;
         return {{static_cast<int>(point_inputs()) + frame, width, width, sizes.channels}, frame};
     }
-    /// Constants as FreeFeatures has them, and networks of which nothing is seen yet.
+    /// Returns the constants of FreeFeatures, and networks whose output is 0.
     template <class P>
     static P init(const AppearanceSizes& sizes, const Random& random) {
         using T = typename decltype(P::feature)::Scalar;
@@ -66,18 +66,18 @@ struct DrivenFeatures {
         }
         return p;
     }
-    /// Whether an eye (0: the left) has a network, so that the frame drives its features.
+    /// Returns true if an eye (0: the left) has a network, so that the frame drives its features.
     template <class P>
     static bool driven(const P& p, std::size_t eye) {
         return !p.networks[eye].weight.empty();
     }
-    /// Writes the features, C x P: whole columns, contiguous.
+    /// Writes the features, C x P, whole columns and contiguous.
     template <class B, class P, class T>
     static void features(const B& backend, const P& p, const EyeInputs<T>& in,
                          ColumnsSpan<T> feature) {
         for (std::size_t eye = 0; eye < 2; ++eye) eye_features(backend, p, in, eye, feature);
     }
-    /// As features, of one eye's columns alone: those of the other eye stay as they are.
+    /// Writes the features of one eye's columns; leaves the other eye's unchanged.
     template <class B, class P, class T>
     static void eye_features(const B& backend, const P& p, const EyeInputs<T>& in, std::size_t eye,
                              ColumnsSpan<T> feature) {
@@ -89,8 +89,8 @@ struct DrivenFeatures {
         const Evaluated<T> x(in, eye);
         to += mlp_forward<T>(backend, p.networks[eye], x.points, x.frame, nullptr);
     }
-    /// Accumulates the parameters' gradient from the features' cotangent; returns that of the
-    /// inputs.
+    /// Accumulates the parameters' gradient from the features' cotangent; returns the inputs'
+    /// cotangent.
     template <class B, class P, class T>
     static EyeInputsCotangent<T> features_vjp(const B& backend, const P& p, const EyeInputs<T>& in,
                                               const ColumnsView<T>& g, P& grad) {
@@ -111,19 +111,19 @@ struct DrivenFeatures {
         }
         return g_in;
     }
-    /// Directions of points from the eyeball's centre, unit, 3 x n.
+    /// Returns the directions of points from the eyeball's centre, unit, 3 x n.
     template <class T>
     static Columns<T> directions(const Columns<T>& position) {
         Columns<T> d(3, position.cols());
         for (Index i = 0; i < d.cols(); ++i) d.col(i) = normalized(Vec3<T>(position.col(i)));
         return d;
     }
-    /// The smallest rotation from +z to a unit gaze.
+    /// Returns the smallest rotation from +z to a unit gaze.
     template <class T>
     RYE_HD static Mat3<T> turn_of(const Vec3<T>& unit) {
         return quat_matrix(shortest_arc(Vec3<T>(T(0), T(0), T(1)), unit));
     }
-    /// The cotangent of a gaze of any length, given those of its turn_of and of its direction.
+    /// Returns the cotangent of a gaze of any length, given those of its turn_of and its direction.
     template <class T>
     RYE_HD static Vec3<T> gaze_vjp(const Vec3<T>& gaze, const Mat3<T>& g_turn,
                                    const Vec3<T>& g_unit) {
@@ -142,14 +142,14 @@ struct DrivenFeatures {
     }
 
   private:
-    /// What the network of an eye reads.
+    /// Inputs of an eye's network.
     template <class T>
     struct Evaluated {
         Index first;          ///< column of the eye's first point
-        Vec3<T> gaze;         ///< as it came, of any length
-        Columns<T> direction; ///< of its points from the eyeball's centre at rest, unit, 3 x n
+        Vec3<T> gaze;         ///< optical axis, any length
+        Columns<T> direction; ///< of the eye's points from its centre at rest, unit, 3 x n
         Columns<T> points;    ///< point_inputs() x n
-        VecX<T> frame;        ///< unit gaze, head's axis-angle, expression
+        VecX<T> frame;        ///< unit gaze, head's axis-angle [rad], expression
 
         Evaluated(const EyeInputs<T>& in, std::size_t eye)
             : first(eye == 0 ? 0 : in.left_points),
@@ -165,7 +165,7 @@ struct DrivenFeatures {
             frame.resize(3 + rotation + in.expression.size());
             frame << unit, in.pose.head(rotation), in.expression;
         }
-        /// The gaze's cotangent: by the turn of the points, and as an input.
+        /// Returns the gaze's cotangent: through the turned points, and as an input.
         Vec3<T> gaze_vjp(const Columns<T>& g_points, const VecX<T>& g_frame) const {
             const Index half = point_inputs() / 2;
             const Columns<T> g_turned = positional_encoding_vjp(

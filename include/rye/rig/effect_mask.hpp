@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/effect_mask.hpp: conversion of a list of effect types to a run-time set of names
-/// (rig/effect_names.hpp): to compare the effects that a scene needs with those of a variant.
+/// (rig/effect_names.hpp), to compare the effects that a scene needs with those of a variant.
 #pragma once
 
 #include <rye/rig/effect_names.hpp>

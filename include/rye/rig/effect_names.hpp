@@ -35,14 +35,14 @@ enum class EffectName : std::uint8_t {
     sh1,               ///< band 1 of the spherical harmonics
     sh2,
     sh3,
-    feature_channels,  ///< more than three
+    feature_channels,  ///< more than three channels
     antialias,
     lens_distortion,
     super_resolution,
     extra_outputs      ///< depth, normals, contributors
 };
 
-/// Names as in the effects' types and the documents, in the order of EffectName.
+/// Names as in the effect types and the documents, in the order of EffectName.
 inline constexpr std::array<std::string_view, 21> effect_names{
     "expression",         "head pose", "pose residual",    "left gaze", "right gaze",
     "eye offset",         "kappa",     "periocular",       "corneal bulge",
@@ -53,7 +53,7 @@ inline constexpr std::array<std::string_view, 21> effect_names{
 /// Number of names.
 inline constexpr std::size_t effect_count = effect_names.size();
 
-/// The name of an effect, as in the documents.
+/// Returns the name of an effect, as in the documents.
 constexpr std::string_view name_of(EffectName e) {
     return effect_names[static_cast<std::size_t>(e)];
 }
@@ -85,7 +85,7 @@ struct EffectMask {
     }
 };
 
-/// "expression, head pose", or "none".
+/// Returns the names of a set, as in "expression, head pose", or "none".
 inline std::string text_of(const EffectMask& m) {
     std::string s;
     for (std::size_t k = 0; k < effect_count; ++k)
@@ -94,8 +94,8 @@ inline std::string text_of(const EffectMask& m) {
     return s.empty() ? "none" : s;
 }
 
-/// Parses a list of names, "head pose, left gaze"; accepts - or _ for a space. Throws Error, with
-/// `who` first, for a name that does not exist.
+/// Parses a list of names, as in "head pose, left gaze"; accepts - or _ for a space. Throws an
+/// Error that begins with `who` for an unknown name.
 inline EffectMask effects_of(std::string_view list, const std::string& who) {
     const auto same = [](char a, char b) {
         const auto space = [](char c) { return c == '-' || c == '_' ? ' ' : c; };
@@ -123,7 +123,7 @@ inline EffectMask effects_of(std::string_view list, const std::string& who) {
     }
 }
 
-/// The set of some effect types by their `name`s; a name not in the list does not compile.
+/// Returns the set of some effect types by their `name`s; an unknown name does not compile.
 template <class... E>
 consteval EffectMask mask_of() {
     EffectMask m;

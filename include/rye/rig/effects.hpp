@@ -2,9 +2,9 @@
 /// rye/rig/effects.hpp: the effects that an avatar simulates, as a list of types. An effect not in
 /// the list has no storage, argument, work or checkpoint tensor; any use of it is a compile error
 /// (rig/effect_slots.hpp).
-/// Bounds: an effect may be left out where its input varies by less than `droppable`. All bounds
+/// Bounds: an effect may be left out if its input varies by less than `droppable`. All bounds
 /// follow from least_move, the largest motion that changes no pixel.
-/// Source of the list: docs/effects.md; docs/parts.md shows how to write your own.
+/// Source of the list: docs/effects.md. docs/parts.md shows how to write your own parts.
 #pragma once
 
 #include <concepts>
@@ -17,7 +17,7 @@ namespace rye {
 
 /// Inputs of a frame that an effect depends on.
 enum class Reads : unsigned { nothing = 0, expression = 1, head_pose = 2, gaze = 4, camera = 8 };
-/// Attributes of a Gaussian, or of the image, that it changes.
+/// Attributes of a Gaussian or of the image that an effect changes.
 enum class Touches : unsigned {
     nothing = 0, position = 1, rotation = 2, scale = 4, opacity = 8, colour = 16, pixel = 32
 };
@@ -25,21 +25,22 @@ enum class Touches : unsigned {
 template <class F>
 concept EffectFlags = std::same_as<F, Reads> || std::same_as<F, Touches>;
 
-/// Both of two sets of flags.
+/// Returns the union of two sets of flags.
 template <EffectFlags F>
 constexpr F operator|(F a, F b) {
     return static_cast<F>(static_cast<unsigned>(a) | static_cast<unsigned>(b));
 }
-/// Whether two sets of flags intersect.
+/// Returns true if two sets of flags intersect.
 template <EffectFlags F>
 constexpr bool overlap(F a, F b) {
     return (static_cast<unsigned>(a) & static_cast<unsigned>(b)) != 0;
 }
 
-/// An invisible motion of a Gaussian: 1/20 px for a head (2 units) 1000 px high.
+/// Largest invisible motion of a Gaussian: 1/20 px for a head (2 units) 1000 px high.
 inline constexpr double least_move = 1e-4; ///< [unit]
 
-/// Upper bound, with its unit, on the variation over a scene below which an effect may be left out.
+/// Upper bound, with its unit, on an input's variation over a scene, below which an effect may be
+/// left out.
 struct EffectBound {
     double most;
     std::string_view of;
@@ -56,7 +57,7 @@ concept Effect = std::is_empty_v<X> && std::default_initializable<X> && requires
     { X::droppable } -> std::convertible_to<EffectBound>;
 };
 
-/// Colour, displacement and attributes of the face by the expression code (paper eq. 2-6).
+/// Colour, displacement and attributes of the face, driven by the expression code (paper eq. 2-6).
 struct Expression {
     static constexpr std::string_view name = "expression";
     static constexpr Reads reads = Reads::expression;
@@ -66,7 +67,7 @@ struct Expression {
     static constexpr EffectBound droppable{1e-3, "an expression coefficient"};
 };
 
-/// The head's rigid motion and size: one similarity a frame.
+/// The head's rigid motion and size: one similarity per frame.
 struct HeadPose {
     static constexpr std::string_view name = "head pose";
     static constexpr Reads reads = Reads::head_pose;
@@ -75,7 +76,8 @@ struct HeadPose {
     static constexpr EffectBound droppable{least_move, "a pose component [rad, unit]"};
 };
 
-/// As Expression, driven by the head pose code, where lambda_exp is below 1.
+/// Colour, displacement and attributes of the face, driven by the head pose code where lambda_exp
+/// is below 1.
 struct PoseResidual {
     static constexpr std::string_view name = "pose residual";
     static constexpr Reads reads = Reads::head_pose;
@@ -102,7 +104,7 @@ struct RightGaze {
     static constexpr EffectBound droppable{least_move / 0.12, "the right gaze [rad]"};
 };
 
-/// Displacement of both eyeballs by expression and head pose: one network (paper eq. 9-10).
+/// Displacement of both eyeballs, driven by expression and head pose: one network (paper eq. 9-10).
 struct EyeOffset {
     static constexpr std::string_view name = "eye offset";
     static constexpr Reads reads = Reads::expression | Reads::head_pose;
@@ -111,7 +113,7 @@ struct EyeOffset {
     static constexpr EffectBound droppable{least_move, "a displacement of an eye's centre [unit]"};
 };
 
-/// A constant angle per eye between its visual axis, the input, and its optical axis, to which the
+/// Constant angle per eye from its visual axis, the input, to its optical axis, to which the
 /// eyeball rotates (rig/gaze.hpp). Not in the paper, whose gazes are optical axes.
 struct Kappa {
     static constexpr std::string_view name = "kappa";
@@ -121,7 +123,7 @@ struct Kappa {
     static constexpr EffectBound droppable{least_move / 0.12, "an angle of kappa [rad]"};
 };
 
-/// Displacement and colour of lids and skin around an eye by its gaze (paper 3.3, eq. 11).
+/// Displacement and colour of lids and skin around an eye, driven by its gaze (paper 3.3, eq. 11).
 struct Periocular {
     static constexpr std::string_view name = "periocular";
     static constexpr Reads reads = Reads::gaze;
@@ -130,7 +132,7 @@ struct Periocular {
     static constexpr EffectBound droppable{1e-3, "a gaze [rad]"};
 };
 
-/// A corneal bulge on the eyeball's front. Part of the asset; no cost per frame.
+/// Corneal bulge on the eyeball's front. Part of the asset; no cost per frame.
 struct CornealBulge {
     static constexpr std::string_view name = "corneal bulge";
     static constexpr Reads reads = Reads::nothing;
@@ -159,8 +161,8 @@ struct Glint {
     static constexpr EffectBound droppable{1e-3, "a light's intensity"};
 };
 
-/// Colours by the head's rotation, under lights that stay while it turns (avatar/head_shading.hpp).
-/// Not in the paper.
+/// Change of colours with the head's rotation under fixed lights (avatar/head_shading.hpp). Not in
+/// the paper.
 struct HeadShading {
     static constexpr std::string_view name = "head shading";
     static constexpr Reads reads = Reads::head_pose;
@@ -174,10 +176,10 @@ static_assert(Effect<Expression> && Effect<HeadPose> && Effect<PoseResidual> && 
               Effect<CornealBulge> && Effect<CornealRefraction> && Effect<Glint> &&
               Effect<HeadShading> && !Effect<EffectBound>);
 
-/// Any of several effects, for members that more than one of them needs.
+/// Any of several effects, for members that several of them need.
 template <Effect... X>
 struct AnyOf {};
-/// Any effect that reads this input of a frame.
+/// Any effect that reads an input of a frame.
 template <Reads what>
 struct ReaderOf {};
 
@@ -209,7 +211,7 @@ inline constexpr bool has_its_gaze =
 
 template <class... E>
 concept EachNamedOnce = (detail::named_once<E, E...> && ...);
-/// Periocular and Kappa require LeftGaze or RightGaze.
+/// Periocular requires LeftGaze or RightGaze; so does Kappa.
 template <class... E>
 concept PeriocularHasAGaze = detail::has_its_gaze<Periocular, E...>;
 template <class... E>
@@ -219,11 +221,11 @@ concept KappaHasAGaze = detail::has_its_gaze<Kappa, E...>;
 template <Effect... E>
     requires EachNamedOnce<E...> && PeriocularHasAGaze<E...> && KappaHasAGaze<E...>
 struct Effects {
-    /// Whether the list has an effect, an effect of AnyOf, or one of ReaderOf.
+    /// True if the list has an effect, an effect of AnyOf, or one of ReaderOf.
     template <class X>
     static constexpr bool has = detail::NamedIn<X>::template among<E...>;
 
-    /// Calls f(effect) for each, in the order of the list.
+    /// Calls f(effect) for each effect, in the order of the list.
     template <class F>
     static constexpr void for_each(F&& f) {
         (f(E{}), ...);
@@ -235,7 +237,7 @@ struct Effects {
 using PaperEffects = Effects<Expression, HeadPose, PoseResidual, LeftGaze, RightGaze, EyeOffset,
                              Periocular, CornealBulge>;
 
-/// Whether S is Effects<...>.
+/// True if S is Effects<...>.
 template <class S>
 inline constexpr bool is_effect_set = false;
 template <class... E>
@@ -244,14 +246,14 @@ template <class S>
 concept EffectSet = is_effect_set<S>;
 static_assert(EffectSet<PaperEffects> && EffectSet<Effects<>> && !EffectSet<Expression>);
 
-/// Whether the set S has the effect X.
+/// True if the set S has the effect X.
 template <EffectSet S, class X>
 inline constexpr bool has_effect = S::template has<X>;
 
-/// Whether this eye (0: the subject's left) rotates, and whether the skin around it follows.
+/// True if an eye (0: the subject's left) rotates.
 template <EffectSet S, std::size_t eye>
 inline constexpr bool eye_turns = has_effect<S, std::conditional_t<eye == 0, LeftGaze, RightGaze>>;
-/// Whether the skin around an eye (0: the subject's left) follows its gaze.
+/// True if the skin around an eye (0: the subject's left) follows its gaze.
 template <EffectSet S, std::size_t eye>
 inline constexpr bool skin_follows = eye_turns<S, eye> && has_effect<S, Periocular>;
 
@@ -290,11 +292,11 @@ struct MoreOf<Effects<E...>, X...> {
 
 } // namespace detail
 
-/// The effects without some; the effects with more.
+/// The effects S without X...
 template <EffectSet S, Effect... X>
 using Less = typename detail::LessOf<typename detail::ListOf<S>::type,
                                      detail::List<>>::template type<X...>;
-/// The effects with more.
+/// The effects S with X... added.
 template <EffectSet S, Effect... X>
 using More = typename detail::MoreOf<S, X...>::type;
 static_assert(std::same_as<Less<Effects<Expression, HeadPose>, Expression>, Effects<HeadPose>>);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/eye_appearance.hpp: source of the features of the eyeballs' Gaussians, as a policy. The
-/// default: free constants, one column per Gaussian. Another may generate them from the frame's
-/// drivers (the paper's "dedicated dynamic generator", section 3.2): rig/driven_features.hpp.
+/// default is free constants, one column per Gaussian. A policy may also generate them from the
+/// frame's drivers (the paper's "dedicated dynamic generator", section 3.2):
+/// rig/driven_features.hpp.
 #pragma once
 
 #include <array>
@@ -16,23 +17,23 @@
 
 namespace rye {
 
-/// Inputs of an eye appearance, of both eyes: the left one's columns first.
+/// Inputs of an eye appearance for both eyes; the left one's columns come first.
 template <class T>
 struct EyeInputs {
     const Columns<T>& position;   ///< template points about their centre, 3 x P
     Index left_points;            ///< number of the left eye's points
-    const VecX<T>& expression;    ///< code of the frame; empty where no effect reads it
+    const VecX<T>& expression;    ///< code of the frame; empty if no effect reads it
     const Columns<T>& gaze; ///< optical axes, head frame, 3 x 2; +z for an eye that does not rotate
-    /// The head's axis-angle [rad] and translation [world unit], 6; empty where no effect reads it.
+    /// The head's axis-angle [rad] and translation [world unit], 6; empty if no effect reads it.
     const VecX<T>& pose;
 };
 
-/// Cotangents of those inputs that lead to something trained: the gaze to kappa, the head pose to
-/// its correction for a frame.
+/// Cotangents of the inputs that depend on trained parameters: the gaze (by kappa) and the head
+/// pose (by its correction for a frame).
 template <class T>
 struct EyeInputsCotangent {
     std::array<Vec3<T>, 2> gaze{Vec3<T>::Zero(), Vec3<T>::Zero()}; ///< of EyeInputs::gaze
-    Vec<T, 6> pose = Vec<T, 6>::Zero(); ///< of EyeInputs::pose; 0 where that is empty
+    Vec<T, 6> pose = Vec<T, 6>::Zero(); ///< of EyeInputs::pose; 0 if that is empty
 };
 
 /// Sizes of an eye appearance and of its inputs.
@@ -43,12 +44,12 @@ struct AppearanceSizes {
     int pose;       ///< size of EyeInputs::pose: 6 or 0
 };
 
-/// The default appearance: a trained feature for each point.
+/// Default appearance: a trained feature for each point.
 struct FreeFeatures {
-    /// Whether features() reads its inputs; if not, they are not prepared.
+    /// True if features() reads its inputs; if false, they are not prepared.
     static constexpr bool reads_inputs = false;
 
-    /// Its trained parameters.
+    /// Trained parameters.
     template <class T>
     struct Parameters {
         Columns<T> feature;  ///< C x P: left eye, then right
@@ -57,7 +58,7 @@ struct FreeFeatures {
             f("feature", p.feature...);
         }
     };
-    /// Grey; small numbers that differ in channels beyond RGB.
+    /// Returns grey, with small random numbers in channels beyond RGB.
     template <class P>
     static P init(int channels, Index points, const Random& random) {
         using T = typename decltype(P::feature)::Scalar;
@@ -68,10 +69,10 @@ struct FreeFeatures {
                     T(0.1 * (2 * random.uniform(static_cast<std::uint64_t>(k * channels + i)) - 1));
         return p;
     }
-    /// Writes the features, C x P: whole columns, contiguous.
+    /// Writes the features, C x P, whole columns and contiguous.
     template <class B, class P, class T>
     static void features(const B&, const P& p, const EyeInputs<T>&, ColumnsSpan<T> feature) {
-        // As one array: a Ref of an unknown stride would be copied column by column.
+        // As one array: a Ref of unknown stride would be copied column by column.
         Eigen::Map<Columns<T>>(feature.data(), p.feature.rows(), p.feature.cols()) = p.feature;
     }
     /// Accumulates the parameters' gradient from the features' cotangent.
@@ -105,8 +106,8 @@ concept EyeAppearance =
     };
 static_assert(EyeAppearance<FreeFeatures>);
 
-/// An appearance that reads its inputs may say by driven(parameters, eye) whether the frame drives
-/// the features of an eye (0: the left), if that depends on its parameters.
+/// Returns true if the frame drives the features of an eye (0: the left). An appearance that reads
+/// its inputs may answer by driven(parameters, eye) if that depends on its parameters.
 template <EyeAppearance A, class P>
 bool drives_features([[maybe_unused]] const P& p, [[maybe_unused]] std::size_t eye) {
     if constexpr (requires { A::driven(p, eye); })
@@ -114,8 +115,8 @@ bool drives_features([[maybe_unused]] const P& p, [[maybe_unused]] std::size_t e
     else
         return A::reads_inputs;
 }
-/// An appearance of which an eye's features follow from that eye's gaze and not from the other's,
-/// and are written alone by eye_features(backend, parameters, inputs, eye, features of both).
+/// An appearance whose features of an eye depend on that eye's gaze alone, and are written by
+/// eye_features(backend, parameters, inputs, eye, features of both).
 template <class A>
 concept EyeByEye = EyeAppearance<A> &&
                    requires(const typename A::template Parameters<float>& p,
@@ -123,7 +124,7 @@ concept EyeByEye = EyeAppearance<A> &&
                        A::eye_features(0, p, inputs, std::size_t(0), feature);
                    };
 
-/// The first parameters of an appearance.
+/// Returns the initial parameters of an appearance.
 template <EyeAppearance A, class T>
 typename A::template Parameters<T> init_eye_appearance(const AppearanceSizes& sizes,
                                                        const Random& random) {
@@ -134,7 +135,7 @@ typename A::template Parameters<T> init_eye_appearance(const AppearanceSizes& si
         return A::template init<P>(sizes.channels, sizes.points, random);
 }
 
-/// features_vjp of any appearance, with the cotangent of its inputs: 0 where it returns none.
+/// Calls features_vjp of any appearance; returns the cotangent of its inputs, 0 if it gives none.
 template <EyeAppearance A, class B, class P, class T>
 EyeInputsCotangent<T> eye_appearance_vjp(const B& backend, const P& p, const EyeInputs<T>& inputs,
                                          const std::type_identity_t<ColumnsView<T>>& g, P& grad) {

@@ -14,7 +14,7 @@
 
 namespace rye {
 
-/// Pose of the head: x_world = S R x_head + T.
+/// Pose of the head: x_world = S R x_head + T. R, T: world_from_head; S: scale.
 template <Scalar T>
 struct HeadPlacement {
     Rigid<T> world_from_head = {};
@@ -25,19 +25,19 @@ struct HeadPlacement {
 template <Scalar T>
 struct EyeDrive {
     Vec3<T> centre;                                   ///< neutral centre [unit]
-    Vec3<T> offset = Vec3<T>(T(0), T(0), T(0));       ///< of the centre [unit]
+    Vec3<T> offset = Vec3<T>(T(0), T(0), T(0));       ///< offset of the centre [unit]
     Vec3<T> gaze = Vec3<T>(T(0), T(0), T(1));         ///< direction, any length
 };
 
-/// The world from an eyeball's frame.
+/// Transform from an eyeball's frame to the world.
 template <Scalar T>
 struct EyeTransform {
     Mat3<T> rotation;       ///< world from eye, without the scale
-    Quat<T> quaternion;     ///< the same as a unit quaternion
+    Quat<T> quaternion;     ///< `rotation` as a unit quaternion
     Vec3<T> translation;    ///< the eyeball's centre in the world [world units]
-    T scale;                ///< of the head
+    T scale;                ///< S, of the head
     Mat3<T> head_rotation;  ///< world from head, for the vjp
-    bool beyond_range;      ///< the gaze is outside gaze_range; rendered all the same
+    bool beyond_range;      ///< true if the gaze is outside gaze_range; rendered all the same
 
     /// Maps a template point to the world.
     RYE_HD Vec3<T> apply(const Vec3<T>& x) const {
@@ -48,28 +48,28 @@ struct EyeTransform {
     }
 };
 
-/// Factors of an eye's transform; an avatar applies those of its effects, in this order. First, an
-/// eye at its centre in the head frame, looking ahead:
+/// Returns an eye at its centre in the head's frame, looking ahead. An avatar applies the factors
+/// of its effects to it: turn_eye_to or turn_eye, then carry_eye.
 template <Scalar T>
 RYE_HD EyeTransform<T> eye_at(const Vec3<T>& centre) {
     const Mat3<T> none = Rigid<T>::identity_rotation();
     return {none, Quat<T>(T(1), T(0), T(0), T(0)), centre, T(1), none, false};
 }
 
-/// then a rotation to its gaze, the optical axis, a unit vector;
+/// Rotates an eye at rest to its gaze, the optical axis, a unit vector.
 template <Scalar T>
 RYE_HD void turn_eye_to(EyeTransform<T>& e, const Vec3<T>& gaze) {
     e.quaternion = shortest_arc(Vec3<T>(T(0), T(0), T(1)), gaze);
     e.rotation = quat_matrix(e.quaternion);
     e.beyond_range = beyond_gaze_range(gaze);
 }
-/// the same for a gaze of any length, with an Error if it is not finite or near 0;
+/// Rotates an eye at rest to a gaze of any length; throws an Error if it is not finite or near 0.
 template <Scalar T>
 void turn_eye(EyeTransform<T>& e, const Vec3<T>& optical) {
     turn_eye_to(e, checked_gaze(optical));
 }
 
-/// then the head's pose.
+/// Applies the head's pose to an eye in the head's frame.
 template <Scalar T>
 RYE_HD void carry_eye(EyeTransform<T>& e, const HeadPlacement<T>& head) {
     const Mat3<T>& r = head.world_from_head.rotation;
@@ -83,7 +83,7 @@ RYE_HD void carry_eye(EyeTransform<T>& e, const HeadPlacement<T>& head) {
     e.head_rotation = r;
 }
 
-/// All factors.
+/// Returns the product of all factors; throws an Error for a gaze as turn_eye does.
 template <Scalar T>
 EyeTransform<T> eye_transform(const EyeDrive<T>& drive, const HeadPlacement<T>& head) {
     EyeTransform<T> e = eye_at(Vec3<T>(drive.centre[0] + drive.offset[0],
@@ -94,7 +94,7 @@ EyeTransform<T> eye_transform(const EyeDrive<T>& drive, const HeadPlacement<T>& 
     return e;
 }
 
-/// A world point in an eye's frame.
+/// Returns a world point in an eye's frame.
 template <Scalar T>
 RYE_HD Vec3<T> into_eye(const EyeTransform<T>& eye, const Vec3<T>& world) {
     const Vec3<T> back = Rigid<T>{eye.rotation, world}.turn_back(
@@ -103,7 +103,7 @@ RYE_HD Vec3<T> into_eye(const EyeTransform<T>& eye, const Vec3<T>& world) {
     return Vec3<T>(back[0] / eye.scale, back[1] / eye.scale, back[2] / eye.scale);
 }
 
-/// Template points, 3 x P, mapped to the world.
+/// Maps template points, 3 x P, to the world.
 template <Scalar T>
 Columns<T> eye_points(const EyeTransform<T>& eye, const Columns<T>& points) {
     Columns<T> y(3, points.cols());
@@ -112,13 +112,14 @@ Columns<T> eye_points(const EyeTransform<T>& eye, const Columns<T>& points) {
     return y;
 }
 
-/// Cotangent of the offset, and of the neutral centre, given the sum of those of the world points.
+/// Returns the cotangent of the offset (and of the neutral centre), given the sum of the world
+/// points' cotangents.
 template <Scalar T>
 RYE_HD Vec3<T> eye_offset_cotangent(const EyeTransform<T>& eye, const Vec3<T>& sum) {
     const Vec3<T> back = Rigid<T>{eye.head_rotation, sum}.turn_back(sum);
     return Vec3<T>(eye.scale * back[0], eye.scale * back[1], eye.scale * back[2]);
 }
-/// The same, given those of all points, 3 x P.
+/// Returns the same, given the cotangents of all world points, 3 x P.
 template <Scalar T>
 Vec3<T> eye_offset_cotangent(const EyeTransform<T>& eye, const Columns<T>& g_points) {
     Vec3<T> sum(T(0), T(0), T(0));
@@ -126,7 +127,8 @@ Vec3<T> eye_offset_cotangent(const EyeTransform<T>& eye, const Columns<T>& g_poi
     return eye_offset_cotangent(eye, sum);
 }
 
-/// Quaternions of the eye's Gaussians, 4 x P, in the world; without conversion to matrices.
+/// Returns the quaternions of the eye's Gaussians in the world, 4 x P, without conversion to
+/// matrices.
 template <Scalar T>
 Columns<T> eye_rotations(const EyeTransform<T>& eye, const Columns<T>& rotations) {
     Columns<T> q(4, rotations.cols());
@@ -135,7 +137,7 @@ Columns<T> eye_rotations(const EyeTransform<T>& eye, const Columns<T>& rotations
     return q;
 }
 
-/// Cotangent of the quaternions in the eye's frame.
+/// Returns the cotangent of the quaternions in the eye's frame, 4 x P.
 template <Scalar T>
 Columns<T> eye_rotations_vjp(const EyeTransform<T>& eye, const Columns<T>& g) {
     Columns<T> r(4, g.cols());

@@ -4,10 +4,10 @@
 /// Lengths in canonical head units, 1 unit = 1 dm. Source: the radii of Gullstrand's schematic
 /// eye; the idea of a dense iris from 3DGazeNet's template (Ververas et al., 2024).
 ///
-/// Surface of the iris' colour: through the cornea one sees the iris plane, but splatted Gaussians
-/// are opaque and do not refract. Two choices: the bulge itself (the paper's mesh, correct in
-/// profile), or with `iris_plane` the iris behind it (correct in parallax), which the effect
-/// CornealRefraction (rig/cornea.hpp) displaces to its apparent position.
+/// Surface that carries the iris' colour: one sees the iris plane through the cornea, but splatted
+/// Gaussians are opaque and do not refract. There are two choices: the bulge itself (the paper's
+/// mesh, correct in profile), or with `iris_plane` the iris behind it (correct in parallax), which
+/// the effect CornealRefraction (rig/cornea.hpp) displaces to its apparent position.
 #pragma once
 
 #include <algorithm>
@@ -30,28 +30,29 @@
 
 namespace rye {
 
-/// Dimensions of an eyeball; a sphere without cornea members if CornealBulge is off.
+/// Dimensions of an eyeball; a sphere without the cornea's members if CornealBulge is off.
 template <EffectSet E>
 struct BasicEyeballShape {
     using CorneaSlot = Slot<E, CornealBulge, double>;
     using CorneaSlot2 = Slot<E, CornealBulge, double, 1>;
     static constexpr bool bulges = has_effect<E, CornealBulge>;
 
-    double sclera_radius = 0.12;      ///< of the sphere [unit]
-    /// Of the corneal sphere [unit].
+    double sclera_radius = 0.12;      ///< radius of the sphere [unit]
+    /// Radius of the corneal sphere [unit].
     [[no_unique_address]] CorneaSlot cornea_radius = initial_slot<CorneaSlot>(0.078);
-    /// From the eyeball's centre to the cornea's [unit].
+    /// Distance from the eyeball's centre to the cornea's [unit].
     [[no_unique_address]] CorneaSlot2 cornea_offset = initial_slot<CorneaSlot2>(0.056);
     double limbus_radius = 0.059;     ///< rim of the iris, from the axis [unit]
     double pupil_radius = 0.020;      ///< from the axis [unit]
-    /// z of the middle of the iris, which curves from there to the limbus [unit]; empty: the bulge.
+    /// z of the middle of the iris, which curves from there to the limbus [unit]; if empty, the
+    /// iris lies on the bulge.
     std::optional<double> iris_plane = {};
 
     int iris_rings = 16;              ///< from the axis to the limbus, inclusive
     int sclera_rings = 12;            ///< from the limbus to the equator, inclusive
     int back_rings = 10;              ///< behind the equator, without the pole
 
-    /// The same eye with another radius, all lengths in proportion.
+    /// Returns the eye scaled to another radius, all lengths in proportion.
     BasicEyeballShape with_radius(double radius) const {
         BasicEyeballShape s = *this;
         const double k = radius / sclera_radius;
@@ -64,8 +65,8 @@ struct BasicEyeballShape {
         return s;
     }
 
-    /// The same eye with another limbus radius; pupil and cornea in proportion, the bulge starting
-    /// from the sphere at the limbus.
+    /// Returns the eye with another limbus radius; pupil and cornea in proportion, the bulge
+    /// starting from the sphere at the limbus.
     BasicEyeballShape with_limbus(double radius) const {
         BasicEyeballShape s = *this;
         const double k = radius / limbus_radius;
@@ -79,7 +80,7 @@ struct BasicEyeballShape {
         return s;
     }
 
-    /// z of the iris behind the cornea at a distance r from the axis, r <= limbus_radius: a
+    /// Returns z of the iris behind the cornea at a distance r from the axis, r <= limbus_radius: a
     /// paraboloid through the middle of the iris and the limbus.
     double iris(double r) const {
         if (!iris_plane) return front(r);
@@ -87,8 +88,8 @@ struct BasicEyeballShape {
         return *iris_plane + (limbus_plane() - *iris_plane) * share * share;
     }
 
-    /// z of the front surface at a distance r from the axis, r <= limbus_radius: the outer one of
-    /// sphere and cornea.
+    /// Returns z of the front surface at a distance r from the axis, r <= limbus_radius: the outer
+    /// one of sphere and cornea.
     double front(double r) const {
         const double sphere = std::sqrt(std::max(0., sclera_radius * sclera_radius - r * r));
         if constexpr (bulges) {
@@ -98,7 +99,7 @@ struct BasicEyeballShape {
         return sphere;
     }
 
-    /// Distance of the front surface from the eyeball's centre at an angle from +z.
+    /// Returns the distance of the front surface from the eyeball's centre at an angle from +z.
     double outermost(double angle) const {
         if constexpr (bulges) {
             const double side = cornea_offset * std::sin(angle);
@@ -110,10 +111,10 @@ struct BasicEyeballShape {
         return sclera_radius;
     }
 
-    /// z where the iris meets the surface: the plane of a flat iris.
+    /// Returns z of the limbus, where the iris meets the surface: the plane of a flat iris.
     double limbus_plane() const { return front(limbus_radius); }
 
-    /// The same eye with its iris as a disc through the limbus.
+    /// Returns the eye with its iris as a disc through the limbus.
     BasicEyeballShape with_flat_iris() const {
         BasicEyeballShape s = *this;
         s.iris_plane = limbus_plane();
@@ -144,7 +145,7 @@ namespace detail {
 template <EffectSet E>
 void check_shape(const BasicEyeballShape<E>& s) {
     const double r = s.sclera_radius;
-    double cornea_radius = r, cornea_offset = 0;  // of a sphere
+    double cornea_radius = r, cornea_offset = 0;  // of a sphere, without a cornea
     copy_slot(s.cornea_radius, cornea_radius);
     copy_slot(s.cornea_offset, cornea_offset);
     const bool sizes = r > 0 && r < 1e6 && cornea_radius > 0 && cornea_offset >= 0 &&
@@ -164,8 +165,8 @@ void check_shape(const BasicEyeballShape<E>& s) {
             s.front(0), ", the cornea's front");
 }
 
-/// Triangulates the band between two rings with first points a, b and sizes n, m (a in front of b),
-/// always advancing on the ring whose next point has the smaller angle.
+/// Triangulates the band between two rings with first points a, b and sizes n, m (a in front of b);
+/// always advances on the ring whose next point has the smaller angle.
 inline void join_rings(Index a, Index n, Index b, Index m,
                        std::vector<std::array<Index, 3>>& faces) {
     Index i = n == 1 ? 1 : 0, j = m == 1 ? 1 : 0;                        // a pole has no steps
@@ -178,7 +179,7 @@ inline void join_rings(Index a, Index n, Index b, Index m,
     }
 }
 
-/// RMS distance of each point to its three nearest neighbours.
+/// Returns the RMS distance of each point to its three nearest neighbours, 1 x P.
 template <Real T>
 Columns<T> three_neighbour_spacing(const Columns<T>& points) {
     Columns<T> spacing(1, points.cols());
@@ -197,7 +198,7 @@ Columns<T> three_neighbour_spacing(const Columns<T>& points) {
     return spacing;
 }
 
-/// Vertex normals: area-weighted means of the adjacent faces' normals.
+/// Returns vertex normals: area-weighted means of the adjacent faces' normals, 3 x P.
 template <Real T>
 Columns<T> vertex_normals(const Columns<T>& points,
                           const std::vector<Face>& faces) {
@@ -211,7 +212,7 @@ Columns<T> vertex_normals(const Columns<T>& points,
 
 } // namespace detail
 
-/// The template of a shape: a point on the axis, rings from front to back, the back pole. A
+/// Returns the template of a shape: a point on the axis, rings from front to back, the back pole. A
 /// ring has a multiple of 8 points, about as far apart as the rings.
 template <Real T, EffectSet E = PaperEffects>
 EyeballTemplate<T> eyeball_template(const BasicEyeballShape<E>& shape) {
@@ -228,7 +229,7 @@ EyeballTemplate<T> eyeball_template(const BasicEyeballShape<E>& shape) {
         rings.push_back({r, k < shape.iris_rings ? shape.iris(r) : shape.limbus_plane(), iris_step,
                          r <= shape.pupil_radius ? EyeLabel::pupil : EyeLabel::iris});
     }
-    // To the equator along the outer one of sphere and cornea, by the angle from +z.
+    // Along the outer one of sphere and cornea to the equator, by the angle from +z.
     const double limbus = std::atan2(shape.limbus_radius, shape.limbus_plane());
     for (int k = 1; k <= shape.sclera_rings; ++k) {
         const double angle = limbus + (pi / 2 - limbus) * k / shape.sclera_rings;
@@ -282,15 +283,15 @@ EyeballTemplate<T> eyeball_template(const BasicEyeballShape<E>& shape) {
     return eye;
 }
 
-/// A shape that eyeball_template<T>, in rye or in the shape's own namespace, makes points of.
+/// A shape from which eyeball_template<T>, in rye or in the shape's own namespace, makes points.
 template <class S>
 concept EyeballSource = requires(const S& shape) {
     { eyeball_template<float>(shape) } -> std::same_as<EyeballTemplate<float>>;
 };
 static_assert(EyeballSource<BasicEyeballShape<PaperEffects>>);
 
-/// Gaze direction of an eyeball from its transformed points: from the mean of the equator to the
-/// mean of the iris.
+/// Returns the gaze direction of an eyeball from its transformed points: from the mean of the
+/// equator to the mean of the iris.
 template <Real T>
 Vec3<T> gaze_from_mesh(const EyeballTemplate<T>& eye, const Columns<T>& points) {
     Vec3<T> iris = Vec3<T>::Zero(), centre = Vec3<T>::Zero();

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/gaze_features.hpp: eye appearances that follow the gaze by features alone, for eyeballs
-/// that keep still (FixedEye of rig/gaze_mechanisms.hpp), to compare with explicit rotation. They
-/// stand for ideas of other methods inside rye's avatar, not for these methods.
+/// that do not rotate (FixedEye of rig/gaze_mechanisms.hpp), to compare with explicit rotation.
+/// They represent ideas of other methods inside rye's avatar, not those methods.
 /// | appearance          | idea of   | the gaze                                                 |
 /// | RotatedFeatures     | GazeNeRF  | rotates 10 triplets of features of each Gaussian         |
 /// | ConditionedFeatures | HeadNeRF  | is one more input of the network that gives the colours  |
 /// | RotatedCode         | ST-ED     | rotates 16 triplets of an eye, which a network decodes   |
 /// Their functions are those of FreeFeatures (rig/eye_appearance.hpp). They give no cotangent of
-/// the gaze, so that the effect Kappa cannot learn from them. Frame: the gaze is the optical axis
-/// in the head's frame; it rotates triplets as it would the eyeball, by the smallest rotation from
-/// +z, so that at rest they are as stored.
+/// the gaze, so the effect Kappa cannot learn from them. Frame: the gaze is the optical axis in the
+/// head's frame; triplets rotate by the smallest rotation from +z to it, so at rest they are as
+/// stored.
 /// Sources: Ruzzi et al., "GazeNeRF", 2023, section 3.2; Hong et al., "HeadNeRF", 2022; Zheng et
 /// al., "Self-Learning Transformations for Improving Gaze and Head Redirection", 2020.
 #pragma once
@@ -26,7 +26,7 @@ namespace rye {
 
 namespace detail {
 
-/// Columns of an eye: the first, and how many.
+/// Returns the columns of an eye: the first, and their number.
 template <class T>
 std::array<Index, 2> eye_columns(const EyeInputs<T>& in, Index eye) {
     const Index all = in.position.cols();
@@ -34,14 +34,14 @@ std::array<Index, 2> eye_columns(const EyeInputs<T>& in, Index eye) {
                     : std::array<Index, 2>{in.left_points, all - in.left_points};
 }
 
-/// The smallest rotation from +z to the gaze of an eye.
+/// Returns the smallest rotation from +z to the gaze of an eye.
 template <class T>
 Mat3<T> gaze_rotation(const EyeInputs<T>& in, Index eye) {
     const Vec3<T> gaze = checked_gaze(Vec3<T>(in.gaze.col(eye)));
     return quat_matrix(shortest_arc(Vec3<T>(T(0), T(0), T(1)), gaze));
 }
 
-/// A triplet multiplied by the matrix.
+/// Returns a triplet multiplied by a matrix.
 template <class T>
 RYE_HD Vec3<T> turned_triplet(const Mat3<T>& by, const Vec3<T>& v) {
     Vec3<T> r;
@@ -49,7 +49,7 @@ RYE_HD Vec3<T> turned_triplet(const Mat3<T>& by, const Vec3<T>& v) {
     return r;
 }
 
-/// Multiplies each triplet of rows of the columns by the matrix.
+/// Multiplies each triplet of rows of the columns by a matrix.
 template <class T>
 void rotate_triplets(const Mat3<T>& by, ColumnsSpan<T> columns) {
     for (Index i = 0; i < columns.cols(); ++i)
@@ -60,7 +60,7 @@ void rotate_triplets(const Mat3<T>& by, ColumnsSpan<T> columns) {
         }
 }
 
-/// Uniform in +-0.5.
+/// Returns numbers uniform in +-0.5.
 template <class T>
 Columns<T> random_latent(Index rows, Index columns, const Random& random) {
     Columns<T> latent(rows, columns);
@@ -69,7 +69,7 @@ Columns<T> random_latent(Index rows, Index columns, const Random& random) {
     return latent;
 }
 
-/// PyTorch's defaults, about grey.
+/// Returns PyTorch's default initialisation, with outputs about grey.
 template <class M>
 M grey_mlp(const MlpShape& shape, const Random& random) {
     using T = typename decltype(M::weight)::value_type::Scalar;
@@ -80,15 +80,15 @@ M grey_mlp(const MlpShape& shape, const Random& random) {
 
 } // namespace detail
 
-/// Each Gaussian has 10 triplets of features, which the gaze of its eye rotates; a small network
-/// turns them into its colour. Without the network, which GazeNeRF has in its neural renderer, the
-/// first channels could not be colours.
+/// Appearance by 10 triplets of features per Gaussian, which the gaze of its eye rotates and a
+/// small network turns into its colour. Without the network, which GazeNeRF has in its neural
+/// renderer, the first channels could not be colours.
 struct RotatedFeatures {
     static constexpr bool reads_inputs = true;
     static constexpr int latent_size = 30; ///< 10 triplets
     static constexpr int hidden = 64;      ///< width of the network's hidden layer
 
-    /// Its trained parameters.
+    /// Trained parameters.
     template <class T>
     struct Parameters {
         Columns<T> latent; ///< 30 x P: triplets at rest; left eye, then right
@@ -99,7 +99,7 @@ struct RotatedFeatures {
             nested_fields<Mlp<T>>("latent_mlp", f, p.map...);
         }
     };
-    /// Latents at random, colours about grey.
+    /// Returns random latents, with colours about grey.
     template <class P>
     static P init(int channels, Index points, const Random& random) {
         using T = typename decltype(P::latent)::Scalar;
@@ -144,26 +144,26 @@ struct RotatedFeatures {
     }
 };
 
-/// Each Gaussian has a latent; a network of it and of the encoded pitch and yaw of its eye gives
-/// its colour.
+/// Appearance by a latent per Gaussian: a network of the latent and of the encoded pitch and yaw of
+/// its eye gives its colour.
 struct ConditionedFeatures {
     static constexpr bool reads_inputs = true;
-    static constexpr int latent_size = 30; ///< as many as RotatedFeatures has
+    static constexpr int latent_size = 30; ///< as in RotatedFeatures
     static constexpr int hidden = 128;     ///< width of the network's hidden layer
     static constexpr int gaze_code = static_cast<int>(encoded_size(2, default_frequencies));
 
-    /// Its trained parameters.
+    /// Trained parameters.
     template <class T>
     struct Parameters {
         Columns<T> latent; ///< 30 x P; left eye, then right
-        Mlp<T> color;      ///< latent and code of the gaze -> C
+        Mlp<T> color;      ///< latent and code of the gaze to C
         template <class F, class... P>
         static void fields(F&& f, P&&... p) {
             f("latent", p.latent...);
             nested_fields<Mlp<T>>("conditioned_mlp", f, p.color...);
         }
     };
-    /// Latents at random, colours about grey.
+    /// Returns random latents, with colours about grey.
     template <class P>
     static P init(int channels, Index points, const Random& random) {
         using T = typename decltype(P::latent)::Scalar;
@@ -206,28 +206,28 @@ struct ConditionedFeatures {
     }
 };
 
-/// Each eye has one code of 16 triplets, which its gaze rotates; a network of the rotated code and
-/// of a Gaussian's encoded place on the eyeball gives its colour. ST-ED decodes pictures by
-/// convolutions; the place stands for the pixel.
+/// Appearance by one code of 16 triplets per eye, which its gaze rotates: a network of the rotated
+/// code and of a Gaussian's encoded position on the eyeball gives its colour. ST-ED decodes
+/// pictures by convolutions; the position stands for the pixel.
 struct RotatedCode {
     static constexpr bool reads_inputs = true;
     static constexpr int latent_size = 48; ///< 16 triplets
-    static constexpr int frequencies = 6;  ///< of places in units of the eyeball's radius
+    static constexpr int frequencies = 6;  ///< octaves; positions in eyeball radii
     static constexpr int hidden = 128;     ///< width of the two hidden layers
     static constexpr int place_code = static_cast<int>(encoded_size(3, frequencies));
 
-    /// Its trained parameters.
+    /// Trained parameters.
     template <class T>
     struct Parameters {
-        Columns<T> latent; ///< 48 x 2: triplets at rest of the left and the right eye
-        Mlp<T> decoder;    ///< code of the place and latent of the eye -> C
+        Columns<T> latent; ///< 48 x 2: triplets at rest; left eye, then right
+        Mlp<T> decoder;    ///< code of the position and latent of the eye to C
         template <class F, class... P>
         static void fields(F&& f, P&&... p) {
             f("latent", p.latent...);
             nested_fields<Mlp<T>>("decoder_mlp", f, p.decoder...);
         }
     };
-    /// Codes at random, colours about grey.
+    /// Returns random codes, with colours about grey.
     template <class P>
     static P init(int channels, Index, const Random& random) {
         using T = typename decltype(P::latent)::Scalar;
@@ -264,7 +264,8 @@ struct RotatedCode {
         }
     }
 
-    /// Encoded places of an eye's points, in units of its largest distance from the centre.
+    /// Returns the encoded positions of an eye's points, in units of their largest distance from
+    /// the centre.
     template <class T>
     static Columns<T> places(const EyeInputs<T>& in, Index eye) {
         using std::sqrt;

@@ -16,27 +16,27 @@
 
 namespace rye {
 
-/// No parameters: an empty base.
+/// Parameters of a policy that has none: an empty base.
 template <class T, class Owner>
 struct NoParameters {
     template <class F, class... P>
     static void fields(F&&, P&&...) {}
 };
 
-/// The smallest rotation from +z to the gaze, without torsion (paper 3.2). A base for other
-/// mechanisms, which override parts of it.
+/// Smallest rotation from +z to the gaze, without torsion (paper 3.2). A base for other mechanisms,
+/// which override parts of it.
 struct ExplicitRotation {
-    /// Whether features() changes anything.
+    /// True if features() changes anything.
     static constexpr bool changes_features = false;
 
     template <class T>
     using Parameters = NoParameters<T, ExplicitRotation>;
-    /// Initial parameters of an avatar with `channels` features per Gaussian.
+    /// Returns the initial parameters of an avatar with `channels` features per Gaussian.
     template <class P>
     static P init(int, const Random&) {
         return {};
     }
-    /// The eyeball's rotation, a unit quaternion. `gaze` is a unit vector.
+    /// Returns the eyeball's rotation, a unit quaternion. `gaze` is a unit vector.
     template <class P, class T>
     static Quat<T> turn(const P&, std::size_t, const Vec3<T>& gaze) {
         return shortest_arc(Vec3<T>(T(0), T(0), T(1)), gaze);
@@ -56,8 +56,8 @@ struct ExplicitRotation {
     /// Changes the features of one eyeball's Gaussians, C x P, in place.
     template <class P, class T>
     static void features(const P&, std::size_t, const Vec3<T>&, ColumnsSpan<T>) {}
-    /// Replaces the cotangent of the changed features by that of the features `before`; accumulates
-    /// the parameters' gradient; returns the gaze's cotangent.
+    /// Replaces the cotangent of the changed features by the cotangent of the features `before`;
+    /// accumulates the parameters' gradient; returns the gaze's cotangent.
     template <class P, class T>
     static Vec3<T> features_vjp(const P&, std::size_t, const Vec3<T>&, const ColumnsView<T>&,
                                 ColumnsSpan<T>, P&) {
@@ -85,7 +85,7 @@ concept GazeMechanism =
     };
 static_assert(GazeMechanism<ExplicitRotation>);
 
-/// The cotangent of a unit quaternion, given those of its matrix and of itself.
+/// Returns the cotangent of a unit quaternion, given those of its matrix and of itself.
 template <class T>
 RYE_HD Quat<T> turn_cotangent_of(const Quat<T>& turn, const Mat3<T>& g_matrix,
                                  const Quat<T>& g_quaternion) {

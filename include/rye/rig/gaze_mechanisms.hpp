@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/gaze_mechanisms.hpp: other mechanisms than ExplicitRotation, to compare it with: an
-/// eyeball that keeps still, whose appearance alone may follow the gaze (rig/gaze_features.hpp),
-/// and one whose rotation is learned. They stand for ideas of other methods inside rye's avatar,
-/// not for these methods. Frames: as in rig/gaze_mechanism.hpp.
+/// rye/rig/gaze_mechanisms.hpp: mechanisms to compare ExplicitRotation with: an eyeball that does
+/// not rotate, whose appearance alone may follow the gaze (rig/gaze_features.hpp), and one whose
+/// rotation is learned. They represent ideas of other methods inside rye's avatar, not those
+/// methods. Frames: as in rig/gaze_mechanism.hpp.
 /// Source of the learned rotation: Wei et al., "GazeGaussian", 2024, section 3.2.
 #pragma once
 
@@ -13,42 +13,42 @@
 
 namespace rye {
 
-/// The eyeball keeps its orientation at any gaze.
+/// Mechanism that keeps the eyeball's orientation at any gaze.
 struct FixedEye : ExplicitRotation {
     template <class T>
     using Parameters = NoParameters<T, FixedEye>;
-    /// The rotation by nothing.
+    /// Returns the identity.
     template <class P, class T>
     static Quat<T> turn(const P&, std::size_t, const Vec3<T>&) {
         return quat_identity<T>();
     }
-    /// Nothing depends on the gaze.
+    /// Returns 0: nothing depends on the gaze.
     template <class P, class T>
     static Vec3<T> turn_vjp(const P&, std::size_t, const Vec3<T>&, const Quat<T>&, P&) {
         return Vec3<T>(T(0), T(0), T(0));
     }
 };
 
-/// An MLP of the encoded pitch and yaw, and of which eye it is, gives the eyeball's rotation as a
-/// quaternion, which is normalised. Before training it is the rotation by nothing: the last layer
-/// begins with zeros, and its output is added to (1, 0, 0, 0). Unlike GazeGaussian's it rotates
-/// about the eyeball's own centre, and the Gaussians' own rotations with it.
+/// Rotation by an MLP: the encoded pitch and yaw, and which eye it is, give a quaternion, which is
+/// normalised. Before training it is the identity: the last layer starts at 0, and its output is
+/// added to (1, 0, 0, 0). Unlike GazeGaussian's, it rotates the Gaussians about the eyeball's own
+/// centre, and their own rotations with it.
 struct LearnedQuaternion : ExplicitRotation {
-    /// Widths of the hidden layers.
+    /// Width of the hidden layers.
     static constexpr int hidden = 128;
-    /// Inputs of the network: the code of pitch and yaw, and 1 for this eye and 0 for the other.
+    /// Number of inputs: the code of pitch and yaw, then 1 for this eye and 0 for the other.
     static constexpr int inputs = static_cast<int>(encoded_size(2, default_frequencies)) + 2;
 
-    /// Its trained parameters.
+    /// Trained parameters.
     template <class T>
     struct Parameters {
-        Mlp<T> turn; ///< inputs -> 4: what is added to the rotation by nothing, w x y z
+        Mlp<T> turn; ///< inputs to 4: difference from the identity, w x y z
         template <class F, class... P>
         static void fields(F&& f, P&&... p) {
             nested_fields<Mlp<T>>("turn_mlp", f, p.turn...);
         }
     };
-    /// PyTorch's defaults, with a last layer of zeros.
+    /// Returns PyTorch's default initialisation, with a last layer of zeros.
     template <class P>
     static P init(int, const Random& random) {
         P p{decltype(P::turn)::init({{inputs, hidden, hidden, 4}}, random)};
@@ -56,7 +56,7 @@ struct LearnedQuaternion : ExplicitRotation {
         p.turn.bias.back().setZero();
         return p;
     }
-    /// The eyeball's rotation, a unit quaternion. `gaze` is a unit vector.
+    /// Returns the eyeball's rotation, a unit quaternion. `gaze` is a unit vector.
     template <class P, class T>
     static Quat<T> turn(const P& p, std::size_t eye, const Vec3<T>& gaze) {
         const Columns<T> x = input(eye, gaze);
@@ -78,7 +78,7 @@ struct LearnedQuaternion : ExplicitRotation {
         const Columns<T> g_angles = positional_encoding_vjp(x.topRows(code), g_x.topRows(code));
         return angles_vjp<T>(gaze, Vec2<T>(g_angles(0, 0), g_angles(1, 0)));
     }
-    /// The gaze's cotangent, given that of its pitch and yaw.
+    /// Returns the gaze's cotangent, given that of its pitch and yaw.
     template <class T>
     RYE_HD static Vec3<T> angles_vjp(const Vec3<T>& gaze, const Vec2<T>& g_angles) {
         using D = Dual<T, 3>;
@@ -91,14 +91,14 @@ struct LearnedQuaternion : ExplicitRotation {
                 g_gaze[k] += g_angles[i] * angles[i].d[static_cast<std::size_t>(k)];
         return g_gaze;
     }
-    /// The rotation before it is normalised, by the network's four outputs.
+    /// Returns the rotation before it is normalised, from the network's four outputs.
     template <class T>
     RYE_HD static Quat<T> raw_turn(const T* y) {
         return Quat<T>(T(1) + y[0], y[1], y[2], y[3]);
     }
 
   private:
-    /// One column is too little work for several threads.
+    /// Returns a serial backend: one column is too little work for several threads.
     static ScalarBackend<Serial> backend() { return {}; }
     template <class T>
     static Columns<T> input(std::size_t eye, const Vec3<T>& gaze) {

@@ -20,14 +20,14 @@
 
 namespace rye {
 
-/// Weight 1 up to `near`, 0 from `far` on; near == far is a step. Requires finite 0 <= near <= far;
-/// see checked_ramp.
+/// Weight that is 1 up to `near` and 0 from `far` on; near == far is a step. Requires finite 0 <=
+/// near <= far; see checked_ramp.
 template <Scalar T>
 struct Ramp {
     T near, far;  ///< thresholds, in the unit of the metric
 };
 
-/// A ramp from external input; throws Error unless 0 <= near <= far and both are finite.
+/// Returns a ramp from external input; throws an Error unless 0 <= near <= far and both are finite.
 template <Scalar T>
 Ramp<T> checked_ramp(const T& near, const T& far) {
     if constexpr (Real<T>)
@@ -36,9 +36,9 @@ Ramp<T> checked_ramp(const T& near, const T& far) {
     return {near, far};
 }
 
-/// Compares the thresholds with the squared distance.
+/// Metric that compares the thresholds with the squared distance.
 struct SquaredDistance {
-    /// The weight at a squared distance; 0 for NaN.
+    /// Returns the weight at a squared distance; 0 for NaN.
     template <Scalar T>
     RYE_HD T value(const Ramp<T>& ramp, const T& squared) const {
         const T width = select(ramp.near < ramp.far, T(ramp.far - ramp.near), T(1));
@@ -46,7 +46,7 @@ struct SquaredDistance {
         return select((squared <= ramp.near) && (squared < ramp.far), T(1),
                       select(squared < ramp.far, inside, T(0)));
     }
-    /// d value / d squared.
+    /// Returns d value / d squared.
     template <Scalar T>
     RYE_HD T slope(const Ramp<T>& ramp, const T& squared) const {
         const auto inside = (squared > ramp.near) && (squared < ramp.far);
@@ -54,8 +54,8 @@ struct SquaredDistance {
     }
 };
 
-/// Compares the thresholds with the distance. The root is taken only between them, so a point on
-/// its landmark has weight 1 and derivative 0.
+/// Metric that compares the thresholds with the distance. Takes the root only between them, so a
+/// point on its landmark has weight 1 and derivative 0.
 struct EuclideanDistance {
     template <Scalar T>
     RYE_HD T value(const Ramp<T>& ramp, const T& squared) const {
@@ -88,27 +88,27 @@ concept InfluenceMetric = std::default_initializable<M> &&
                           };
 static_assert(InfluenceMetric<SquaredDistance> && InfluenceMetric<EuclideanDistance>);
 
-/// The weight at a squared distance.
+/// Returns the weight at a squared distance.
 template <InfluenceMetric M, Scalar T>
 RYE_HD T influence(const M& metric, const Ramp<T>& ramp, const T& squared) {
     return metric.value(ramp, squared);
 }
 
-/// Its derivative with respect to the squared distance.
+/// Returns the weight's derivative with respect to the squared distance.
 template <InfluenceMetric M, Scalar T>
 RYE_HD T influence_slope(const M& metric, const Ramp<T>& ramp, const T& squared) {
     return metric.slope(ramp, squared);
 }
 
-/// Cotangent of a point, given that of its influence times the slope there, and the point's place
-/// from its nearest landmark; the landmark's is the opposite.
+/// Returns the cotangent of a point, given that of its influence times the slope there, and the
+/// vector to the point from its nearest landmark. The landmark's cotangent is the opposite.
 template <Scalar T>
 RYE_HD Vec3<T> influence_pull(const T& g_squared, const Vec3<T>& from_landmark) {
     const T twice = T(2) * g_squared;
     return Vec3<T>(twice * from_landmark[0], twice * from_landmark[1], twice * from_landmark[2]);
 }
 
-/// Weights, 1 x N, at squared distances, 1 x N. lambda_pose is the complement, 1 minus the weight.
+/// Returns the weights, 1 x N, at squared distances, 1 x N. lambda_pose is 1 minus the weight.
 template <InfluenceMetric M, Scalar T>
 Columns<T> influence(const M& metric, const Ramp<T>& ramp, const Columns<T>& squared) {
     Columns<T> w(1, squared.cols());
@@ -116,7 +116,7 @@ Columns<T> influence(const M& metric, const Ramp<T>& ramp, const Columns<T>& squ
     return w;
 }
 
-/// Cotangent of the squared distances.
+/// Returns the cotangent of the squared distances, 1 x N.
 template <InfluenceMetric M, Scalar T>
 Columns<T> influence_vjp(const M& metric, const Ramp<T>& ramp, const Columns<T>& squared,
                          const Columns<T>& g) {
@@ -128,11 +128,11 @@ Columns<T> influence_vjp(const M& metric, const Ramp<T>& ramp, const Columns<T>&
     return r;
 }
 
-/// Treatment of two influences of one kind (left and right gaze) where they overlap: unchanged (the
-/// paper; the sum may exceed 1), or scaled down to a sum of at most 1.
+/// Treatment of two overlapping influences of one kind (left and right gaze): unchanged (the paper;
+/// the sum may exceed 1), or scaled down to a sum of at most 1.
 enum class Overlap { sum, normalized };
 
-/// Applies the overlap policy to two weights, 1 x N, in place; returns the greatest sum before.
+/// Applies the overlap policy to two weights, 1 x N, in place; returns the largest sum before.
 template <Real T>
 T resolve_overlap(Overlap policy, Columns<T>& left, Columns<T>& right) {
     T greatest = T(0);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/nearest_landmark.hpp: squared distance from each point to its nearest landmark, with
-/// gradients of both. Squares differences of coordinates, so a point on its landmark has distance
-/// exactly 0. Of a finite point a landmark is always nearest, also where the squares are beyond the
-/// range of T: these distances are the largest finite number.
+/// gradients of both. Differences of coordinates are squared, so a point on its landmark has
+/// distance exactly 0. A finite point always has a nearest landmark: squares beyond the range of T
+/// become the largest finite number.
 #pragma once
 
 #include <array>
@@ -18,13 +18,13 @@
 
 namespace rye {
 
-/// The nearest of the landmarks that were offered, the first one of a tie.
+/// Nearest of the landmarks offered so far; the first one of a tie.
 template <class T>
 struct NearestSoFar {
-    T squared = constant<T>(Limits<double>::infinity); ///< distance
-    Index which = -1;                                  ///< none
+    T squared = constant<T>(Limits<double>::infinity); ///< squared distance
+    Index which = -1;                                  ///< index, -1 for none
 
-    /// A landmark, by the differences of its coordinates from the point's.
+    /// Considers landmark k, given the differences of its coordinates from the point's.
     RYE_HD void offer(const T& a, const T& b, const T& c, Index k) {
         const T d = a * a + b * b + c * c;
         if (d < squared) {
@@ -36,9 +36,9 @@ struct NearestSoFar {
 
 namespace detail {
 
-/// The nearest of `count` landmarks, at(k), to a point whose squared distances are all beyond the
-/// range: compared by their squares in a unit in which those of all finite points are within it.
-/// None if the point is not finite.
+/// Returns the nearest of `count` landmarks, at(k), to a point whose squared distances are all
+/// beyond the range of T, by comparing squares in a unit that keeps those of all finite points in
+/// range. Returns none if the point is not finite.
 template <class T, class At>
 NearestSoFar<T> nearest_beyond_range(const Vec3<T>& point, const At& at, Index count) {
     constexpr double unit = sizeof(real_t<T>) == 4 ? 0x1p-66 : 0x1p-514;
@@ -52,14 +52,15 @@ NearestSoFar<T> nearest_beyond_range(const Vec3<T>& point, const At& at, Index c
     return best;
 }
 
-/// Destination of distances and, unless null, indices, one per point.
+/// Destination of distances and, unless null, of indices, one per point.
 template <class T>
 struct NearestResult {
     T* squared;
     Index* nearest;
 };
 
-/// Points in lanes, landmarks broadcast; two vectors of points share each broadcast landmark.
+/// Finds the nearest landmarks with points in lanes and landmarks broadcast; two vectors of points
+/// share each broadcast landmark.
 template <class Batch, class T>
 void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landmarks, Index begin,
                       Index end, const NearestResult<T>& out) {
@@ -107,9 +108,9 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
 
 } // namespace detail
 
-/// 1 x N squared distances of 3 x N points to the nearest of 3 x K landmarks, +inf if K = 0 or the
-/// point is not finite. `nearest`, unless null, receives the landmark's index, -1 for none; the
-/// lowest index wins a tie. Throws Error if a landmark is not finite.
+/// Returns the 1 x N squared distances of 3 x N points to the nearest of 3 x K landmarks, +inf if K
+/// = 0 or the point is not finite. `nearest`, unless null, receives the landmark's index, -1 for
+/// none; the lowest index wins a tie. Throws an Error if a landmark is not finite.
 template <class T, Backend B>
 Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& points,
                                     const ColumnsView<T>& landmarks,
@@ -146,14 +147,14 @@ Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& poin
     return squared;
 }
 
-/// Gradients of the points and the landmarks.
+/// Gradients with respect to the points and the landmarks.
 template <class T>
 struct NearestGradient {
     Columns<T> points;     ///< 3 x N
     Columns<T> landmarks;  ///< 3 x K
 };
 
-/// Cotangents of the points and the landmarks, with the nearest landmarks held fixed.
+/// Returns the cotangents of the points and the landmarks, with the nearest landmarks held fixed.
 template <class T, Backend B>
 NearestGradient<T> nearest_squared_distance_vjp(const B& backend, const ColumnsView<T>& points,
                                                 const ColumnsView<T>& landmarks,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/parts.hpp: user-defined parts in place of an avatar's default ones. Parts are named in
-/// the list of effects, so an avatar is one type argument, and a list without parts is the
-/// published method:
+/// rye/rig/parts.hpp: user-defined parts in place of an avatar's defaults. Parts are entries of the
+/// list of effects, so an avatar is one type argument, and a list without parts is the published
+/// method:
 ///     using Mine = More<PaperEffects, ExpressionInfluence<MyMetric>, GazeBy<MyMechanism>>;
 ///     TwoStream<float, Mine> avatar;
 /// | part                                   | concept          | default            |
@@ -26,14 +26,14 @@
 
 namespace rye {
 
-/// The metric of AvatarConfig::metric, selected at run time.
+/// Metric of AvatarConfig::metric, selected at run time.
 struct ConfiguredMetric {};
 
-/// The networks' activation, skip and encoding of points, head pose and gaze.
+/// Default activation, skip and encoding (of points, head pose and gaze) of the networks.
 struct PublishedNetworks {
     using Activation = LeakyRelu;
     using Encoding = PositionalEncoding;
-    /// The layer that takes the input again: MlpShape::skip_layer.
+    /// Returns the layer that takes the input again, as MlpShape::skip_layer.
     static constexpr int skip_layer(const MlpShape&) { return MlpShape::middle; }
 };
 template <class N>
@@ -42,7 +42,7 @@ concept NetworkPolicy = Activation<typename N::Activation> && Encoding<typename 
                             { N::skip_layer(shape) } -> std::convertible_to<int>;
                         };
 
-/// The super-resolution network, as a template over the scalar.
+/// Default super-resolution network, as a template over the scalar.
 struct PublishedUpsampler {
     template <class T>
     using Network = Upsampler<T>;
@@ -103,48 +103,49 @@ struct PartOf<Effects<E...>, Slot, Default> : FindPart<Slot, Default, E...> {};
 
 } // namespace detail
 
-/// The expression's influence is by the metric M.
+/// Part: metric M of the expression's influence.
 template <InfluenceMetric M>
 struct ExpressionInfluence : detail::PartEntry<detail::ExpressionInfluenceSlot, M> {
     static constexpr std::string_view name = "influence of the expression";
 };
-/// lambda_pose is 1 minus the influence of the expression's landmarks by this metric.
+/// Part: metric M of the head pose's influence; lambda_pose is 1 minus the influence of the
+/// expression's landmarks by M.
 template <InfluenceMetric M>
 struct PoseInfluence : detail::PartEntry<detail::PoseInfluenceSlot, M> {
     static constexpr std::string_view name = "influence of the head pose";
 };
-/// The gaze's influence is by the metric M.
+/// Part: metric M of the gaze's influence.
 template <InfluenceMetric M>
 struct GazeInfluence : detail::PartEntry<detail::GazeInfluenceSlot, M> {
     static constexpr std::string_view name = "influence of the gaze";
 };
-/// Eyes are turned by the mechanism M.
+/// Part: mechanism M that turns the eyes.
 template <GazeMechanism M>
 struct GazeBy : detail::PartEntry<detail::GazeSlotOfParts, M> {
     static constexpr std::string_view name = "gaze mechanism";
 };
-/// Features of the eyes' points are those of the appearance A.
+/// Part: appearance A that gives the features of the eyes' points.
 template <EyeAppearance A>
 struct EyesBy : detail::PartEntry<detail::EyesSlot, A> {
     static constexpr std::string_view name = "eye appearance";
 };
-/// Points of the eyeballs come from S.
+/// Part: source S of the eyeballs' points.
 template <EyeballSource S>
 struct EyeballsBy : detail::PartEntry<detail::EyeballsSlot, S> {
     static constexpr std::string_view name = "eyeball template";
 };
-/// Networks have the activation and encoding of N.
+/// Part: activation and encoding of the networks, from N.
 template <NetworkPolicy N>
 struct NetworksBy : detail::PartEntry<detail::NetworksSlot, N> {
     static constexpr std::string_view name = "networks";
 };
-/// The image is enlarged by the policy U.
+/// Part: policy U of the network that enlarges the image.
 template <UpsamplerPolicy U>
 struct UpsampledBy : detail::PartEntry<detail::UpsamplerSlot, U> {
     static constexpr std::string_view name = "upsampler";
 };
 
-/// The parts of an avatar of these effects.
+/// Metric of the expression's influence in an avatar of effects S.
 template <EffectSet S>
 using ExpressionInfluenceOf =
     typename detail::PartOf<S, detail::ExpressionInfluenceSlot, ConfiguredMetric>::type;
@@ -156,32 +157,32 @@ using PoseInfluenceOf =
 template <EffectSet S>
 using GazeInfluenceOf =
     typename detail::PartOf<S, detail::GazeInfluenceSlot, ConfiguredMetric>::type;
-/// What turns the eyes; by default ExplicitRotation.
+/// Mechanism that turns the eyes; by default ExplicitRotation.
 template <EffectSet S>
 using GazeMechanismOf =
     typename detail::PartOf<S, detail::GazeSlotOfParts, ExplicitRotation>::type;
-/// Features of the eyes' points; by default FreeFeatures.
+/// Appearance of the eyes' points; by default FreeFeatures.
 template <EffectSet S>
 using EyeAppearanceOf = typename detail::PartOf<S, detail::EyesSlot, FreeFeatures>::type;
-/// Where the eyeballs' points come from.
+/// Source of the eyeballs' points.
 template <EffectSet S>
 using EyeballSourceOf =
     typename detail::PartOf<S, detail::EyeballsSlot, BasicEyeballShape<S>>::type;
-/// Activation and encoding of the networks.
+/// Policy of the networks.
 template <EffectSet S>
 using NetworksOf = typename detail::PartOf<S, detail::NetworksSlot, PublishedNetworks>::type;
 /// Encoding of positions.
 template <EffectSet S>
 using EncodingOf = typename NetworksOf<S>::Encoding;
-/// The type of the networks.
+/// Type of the networks.
 template <class T, EffectSet S>
 using NetworkOf = Mlp<T, typename NetworksOf<S>::Activation>;
-/// The type of the upsampler.
+/// Type of the upsampler.
 template <class T, EffectSet S>
 using UpsamplerOf = typename detail::PartOf<S, detail::UpsamplerSlot,
                                             PublishedUpsampler>::type::template Network<T>;
 
-/// Whether the avatar has default parts only.
+/// True if the avatar has default parts only.
 template <EffectSet S>
 inline constexpr bool default_parts = false;
 template <class... E>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/train/augment.hpp: random scale between the feature render and super-resolution: the map is
-/// resized (nearest) by 0.8 to 1.25 and cut or pasted back to its size; picture and visibility
-/// likewise, so that the upsampler sees many sizes of the same head. What is pasted onto is 1.
+/// resized (nearest neighbour) by 0.8 to 1.25 and cut or padded back to its size, as are picture
+/// and visibility, so that the upsampler sees many sizes of the same head. Padding is 1.
 /// Source: GHA, training of stage 2.
 #pragma once
 
@@ -15,7 +15,7 @@
 
 namespace rye {
 
-/// Which source pixel each pixel shows, -1: none. Empty maps change nothing.
+/// Source pixel of each pixel, -1 for none. Empty maps change nothing.
 struct Augmentation {
     std::vector<Index> small;  ///< of the feature map
     std::vector<Index> full;   ///< of the picture
@@ -24,18 +24,19 @@ struct Augmentation {
 
 namespace detail {
 
-/// Pixel x of `size` pixels shows pixel nearest to (x - offset) / scale of the source.
+/// Returns the pixel of the source nearest to (x - offset) / scale, which pixel x of `size` shows;
+/// -1 for none.
 RYE_HD inline Index resized_source(int x, int offset, int resized, int size) {
     const int at = x - offset;
     if (at < 0 || at >= resized) return -1;
     return static_cast<Index>(at) * size / resized;
 }
 
-/// Pixels that show one of the source.
+/// Range of pixels that show one pixel of the source.
 struct ShownPixels {
     int begin, end;
 };
-/// The inverse of resized_source: pixels that show pixel `from`.
+/// Returns the pixels that show pixel `from`: the inverse of resized_source.
 RYE_HD inline ShownPixels resized_range(int from, int offset, int resized, int size) {
     const auto first = [&](int k) { // the least `at` with at * size / resized >= k
         return static_cast<int>((static_cast<std::int64_t>(k) * resized + size - 1) / size);
@@ -44,7 +45,7 @@ RYE_HD inline ShownPixels resized_range(int from, int offset, int resized, int s
     return {begin < 0 ? 0 : begin, end > size ? size : end};
 }
 
-/// A picture of a size, resized and moved by (dx, dy).
+/// A picture's size, the size it is resized to, and its shift (dx, dy) [px].
 struct Resizing {
     ImageSize size, resized;
     int dx, dy;
@@ -74,12 +75,12 @@ inline std::vector<Index> resized_map(const Resizing& r) {
 
 namespace detail {
 
-/// How a map of a size is resized and moved.
+/// Draws a resizing of a map.
 inline Resizing random_resizing(int width, int height, const Random& random) {
     const double scale = 0.8 + 0.45 * random.uniform(0);
     const int w = std::max(1, static_cast<int>(width * scale));
     const int h = std::max(1, static_cast<int>(height * scale));
-    // Smaller: pasted anywhere inside; larger: any window of it.
+    // Smaller: placed anywhere inside; larger: any window of it.
     const auto offset = [&](int size, int resized, std::uint64_t index) {
         const Index room = std::abs(size - resized) + 1;
         const int k = static_cast<int>(random.below(index, room));
@@ -91,13 +92,14 @@ inline Resizing random_resizing(int width, int height, const Random& random) {
 
 } // namespace detail
 
-/// width, height: of the feature map; the picture is `factor` times as large.
+/// Draws the random scale of a feature map of width x height and of a picture `factor` times as
+/// large.
 inline Augmentation random_scale(int width, int height, int factor, const Random& random) {
     const detail::Resizing resizing = detail::random_resizing(width, height, random);
     return {detail::resized_map(resizing), detail::resized_map(resizing * factor)};
 }
 
-/// Columns of the source by the map; 1 where there is none.
+/// Returns the columns of the source that the map names; 1 for none.
 template <class T>
 Columns<T> gathered(const Columns<T>& source, const std::vector<Index>& map) {
     if (map.empty()) return source;
@@ -110,7 +112,7 @@ Columns<T> gathered(const Columns<T>& source, const std::vector<Index>& map) {
     return out;
 }
 
-/// The transpose of gathered: adds into `g_source`.
+/// Accumulates the transpose of gathered into `g_source`.
 template <class T>
 void gathered_vjp(const Columns<T>& g, const std::vector<Index>& map, Columns<T>& g_source) {
     if (map.empty()) {

@@ -20,7 +20,8 @@
 
 namespace rye {
 
-/// The terms of the second stage's objective, weighted; 0 for those that are off.
+/// Terms of the second stage's objective, unweighted except for the total; 0 for those that are
+/// off.
 template <class T>
 struct AvatarLosses {
     T high_resolution = T(0), low_resolution = T(0), perceptual = T(0), dssim = T(0);
@@ -31,37 +32,37 @@ struct AvatarLosses {
 /// Pictures of a step and cotangents of its losses. U: the super-resolution network.
 template <class T, class U = Upsampler<T>>
 struct AvatarPictures {
-    Raster<T, features_only> final;  ///< feature render
+    Raster<T, features_only> final;  ///< the feature render of all
     Raster<T, features_only> face;   ///< RGB of the face alone
-    Raster<T, features_only> eyes;   ///< of the eyes alone: RGB, features if sample.eyes_high
-    Image<T> scaled;              ///< ... after the sample's random scale, if it has one
+    Raster<T, features_only> eyes;   ///< the eyes alone: RGB, all features if sample.eyes_high
+    Image<T> scaled;              ///< `final` after the sample's random scale, if any
     Image<T> high, eyes_high;     ///< after super-resolution
     typename U::Trace high_trace, eyes_high_trace;
     Columns<T> g_high, g_eyes_high;                ///< weighted cotangents of the RGB images
-    Columns<T> g_final, g_face, g_eyes;            ///< ... and of the feature renders
-    RasterScratch<T> scratch;                      ///< memory that the renders share
-    Gaussians<T> g_gaussians, g_part;              ///< of the Gaussians; of one render's
-    Gaussians<T> still;               ///< of duals: the eyeballs without derivatives; else empty
-    VecX<T> blank, behind_eyes;       ///< backgrounds of the face alone, of the eyes alone
-    bool blank_eyeballs = false, eyes_from_eye_terms = false; ///< of the weights
+    Columns<T> g_final, g_face, g_eyes;            ///< weighted cotangents of the feature renders
+    RasterScratch<T> scratch;                      ///< memory shared by the renders
+    Gaussians<T> g_gaussians, g_part;              ///< of all Gaussians; of one render's
+    Gaussians<T> still;               ///< for duals: the eyeballs without derivatives; else empty
+    VecX<T> blank, behind_eyes;       ///< backgrounds: of the face alone, of the eyes alone
+    bool blank_eyeballs = false, eyes_from_eye_terms = false; ///< as in AvatarLossConfig
 };
 
 namespace detail {
 
-/// Masked L1 of the first three rows; adds `weight` times its cotangent to theirs of g.
+/// Returns the masked L1 of the first three rows; adds `weight` times its cotangent to those of g.
 template <class T, Backend B>
 T rgb_term(const B& backend, const Columns<T>& prediction, const Columns<T>& truth,
            const std::type_identity_t<WeightedMask<T>>& mask, Columns<T>& g) {
     return add_masked_l1<T>(backend, prediction.topRows(3), truth, mask, g.topRows(3));
 }
 
-/// f(begin, end) for chunks of the columns of an image.
+/// Calls f(begin, end) for chunks of the columns of an image.
 template <class F, Backend B>
 void over_pixels(const B& backend, Index pixels, const F& f) {
     for_chunks(backend.threads, pixels, 4096, [&](Index b, Index e, Index) { f(b, e); });
 }
 
-/// sum += weight * g
+/// Adds weight * g to sum.
 template <class T, Backend B>
 void add_weighted(const B& backend, Columns<T>& sum, const T& weight, const Columns<T>& g) {
     over_pixels(backend, sum.cols(), [&](Index b, Index e) {
@@ -69,14 +70,14 @@ void add_weighted(const B& backend, Columns<T>& sum, const T& weight, const Colu
     });
 }
 
-/// Zeros of the shape of an image.
+/// Sets g to zeros of the shape of an image.
 template <class T, Backend B>
 void zero_like(const B& backend, const Image<T>& image, Columns<T>& g) {
     g.resize(image.channels(), image.size());
     over_pixels(backend, g.cols(), [&](Index b, Index e) { g.middleCols(b, e - b).setZero(); });
 }
 
-/// The cloud, in whose range the numbers have no derivatives.
+/// Returns the cloud without derivatives of the numbers in a range.
 template <class T>
 Gaussians<T> held_still(const Gaussians<T>& g, ColumnRange range) {
     Gaussians<T> r = g;
@@ -87,7 +88,8 @@ Gaussians<T> held_still(const Gaussians<T>& g, ColumnRange range) {
     return r;
 }
 
-/// Colours of the face before the blank: with blank_eyeballs also the eyeballs, in one colour.
+/// Returns the Gaussians of the face over the blank: with blank_eyeballs also the eyeballs, in one
+/// colour.
 template <class T, class U>
 GaussianView<T> blank_view(const TwoStreamGaussians<T>& driven, const AvatarPictures<T, U>& p) {
     const Gaussians<T>& g = Real<T> || !p.blank_eyeballs ? driven.gaussians : p.still;
@@ -96,14 +98,14 @@ GaussianView<T> blank_view(const TwoStreamGaussians<T>& driven, const AvatarPict
                             : all.columns(0, driven.face_count);
 }
 
-/// The eyes alone, with the channels of their background.
+/// Returns the eyes alone, with as many channels as their background.
 template <class T, class U>
 GaussianView<T> eye_view(const TwoStreamGaussians<T>& driven, const AvatarPictures<T, U>& p) {
     return driven.eye_gaussians().first_channels(p.behind_eyes.size());
 }
 
-/// Adds the gradient of a render of sum's Gaussians from column `begin` on: `count` of them, and as
-/// many channels as `g` has.
+/// Adds the gradient of a render of the Gaussians in a range of sum's columns, with as many
+/// channels as `g` has.
 template <class T, Backend B>
 void add_part(const B& backend, Gaussians<T>& sum, ColumnRange range, const Gaussians<T>& g) {
     for_chunks(backend.threads, range.count, 512, [&](Index b, Index e, Index) {
@@ -128,7 +130,7 @@ double eye_gain(const B& backend, EyeAverage average, const Columns<T>& mask) {
 
 } // namespace detail
 
-/// What the face alone should show and where, as three rows of colours and one of weights.
+/// Target of the face alone: three rows of colours and one of weights.
 template <class T>
 struct FaceTarget {
     Columns<T> picture, mask;
@@ -136,7 +138,8 @@ struct FaceTarget {
     explicit FaceTarget(Index pixels) : picture(3, pixels), mask(1, pixels) {}
 };
 
-/// The picture, over the blank's background: 1 where a visible pixel shows nothing of the eyes.
+/// Returns the picture over the blank's background, with weight 1 where a visible pixel shows
+/// nothing of the eyes.
 template <class T, Backend B>
 FaceTarget<T> face_alone_target(const B& backend, const AvatarImages<T>& sample) {
     const Vec3<T> change = sample.blank.template head<3>() - sample.background.template head<3>();
@@ -154,8 +157,8 @@ FaceTarget<T> face_alone_target(const B& backend, const AvatarImages<T>& sample)
     return t;
 }
 
-/// The blank's background in the eyes, and the picture of `alone` beside them: 1 where a visible
-/// pixel shows an eye, or an eyeball would be seen if there were no face.
+/// Returns the blank's background in the eyes and the picture of `alone` beside them, with weight 1
+/// where a visible pixel shows an eye, or would show an eyeball if there were no face.
 template <class T, Backend B>
 FaceTarget<T> blank_eyeball_target(const B& backend, const AvatarImages<T>& sample,
                                    const FaceTarget<T>& alone, const Columns<T>& eyeball_alpha) {
@@ -173,26 +176,26 @@ FaceTarget<T> blank_eyeball_target(const B& backend, const AvatarImages<T>& samp
     return t;
 }
 
-/// Input of super-resolution.
+/// Returns the input of super-resolution.
 template <class T, class U>
 const Image<T>& features_shown(const AvatarImages<T>& sample, const AvatarPictures<T, U>& p) {
     return sample.scale.active() ? p.scaled : p.final.feature;
 }
 
-/// Renders, compares, and pulls the losses back to the Gaussians.
+/// Objective of stage 2: renders, compares, and propagates the losses back to the Gaussians.
 template <AccuracyPolicy A = Balanced, class Perceptual = PyramidGradientLoss>
 struct AvatarObjective {
     AvatarLossConfig weights = {};
     Rasterizer<FeaturesOnly<A>> rasterizer = {};
     Perceptual perceptual = {};
 
-    /// The losses. Everything that the vjp reads stays in `p`.
+    /// Returns the losses; keeps everything that vjp reads in `p`.
     template <class T, class U, class Probe = NoProbe, Backend B>
     AvatarLosses<T> value(const B& backend, const U& upsampler, const AvatarImages<T>& sample,
                           const TwoStreamGaussians<T>& driven, AvatarPictures<T, U>& p,
                           Probe&& probe = {}) const;
 
-    /// Sets p.g_gaussians, the gradient of the driven Gaussians; adds to the upsampler's.
+    /// Sets p.g_gaussians, the gradient of the driven Gaussians; adds to the upsampler's gradient.
     template <class T, class U, class Probe = NoProbe, Backend B>
     void vjp(const B& backend, const U& upsampler, const AvatarImages<T>& sample,
              const TwoStreamGaussians<T>& driven, AvatarPictures<T, U>& p, U& g_upsampler,
@@ -330,7 +333,7 @@ void AvatarObjective<A, Perceptual>::vjp(
     };
     pull(driven.gaussians, sample.background, p.final, p.g_final, p.g_gaussians);
     const ColumnRange eyes = driven.eye_columns();
-    if (p.eyes_from_eye_terms) // where they are is the joint picture's still: it moves the head
+    if (p.eyes_from_eye_terms) // they keep the joint picture's position gradient: it moves the head
         for (Columns<T>* g : {&p.g_gaussians.rotation, &p.g_gaussians.scale,
                               &p.g_gaussians.opacity, &p.g_gaussians.feature})
             g->middleCols(eyes.begin, eyes.count).setZero();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/avatar_trainer.hpp: stage 2 as an object: drives, renders, compares, differentiates
-/// and takes a step of Adam.
+/// rye/train/avatar_trainer.hpp: stage 2 as an object that drives, renders, compares,
+/// differentiates and takes a step of Adam.
 ///     AvatarTrainer trainer{backend, avatar, adam, {.config = config, .roles = roles}};
 ///     for (const auto& sample : samples) trainer.step(sample);
 /// Source: paper section 4.2.
@@ -19,13 +19,13 @@
 
 namespace rye {
 
-/// Bounds of the eyeballs' Gaussians after each step: see bound_scales. 0: none.
+/// Bounds of the eyeballs' Gaussians after each step (see bound_scales); 0 for none.
 struct EyeballBounds {
     double growth = 0;     ///< largest scale, times the template's spacing
-    double thickness = 1;  ///< along the normal, times that
+    double thickness = 1;  ///< scale along the normal, times the template's spacing
 };
 
-/// Four neighbours of each point of the eyeballs, on its own eyeball: nearest_and_turned.
+/// Returns four neighbours of each point of the eyeballs, on its own eyeball: nearest_and_turned.
 template <Real T, EffectSet E>
 NeighbourGraph eye_neighbours(const EyeStream<T, E>& eyes) {
     NeighbourGraph all;
@@ -38,7 +38,7 @@ NeighbourGraph eye_neighbours(const EyeStream<T, E>& eyes) {
     return all;
 }
 
-/// What a run of stage 2 is given beside its avatar. Rates(name) is the learning rate of a field.
+/// Settings of a run of stage 2. Rates(name) returns the learning rate of a field.
 template <AccuracyPolicy A = Balanced, class Perceptual = PyramidGradientLoss,
           class Rates = AvatarRates>
 struct AvatarTraining {
@@ -47,8 +47,9 @@ struct AvatarTraining {
     AvatarObjective<A, Perceptual> objective = {};
     Rates rates = {};
     EyeballBounds bounds = {};
-    /// Whether the mean over frames is taken off corrections of head poses after each step: what is
-    /// common to all frames is the avatar's. That of gazes is taken off in any case.
+    /// True if the mean over frames is subtracted from the corrections of head poses after each
+    /// step: what all frames share belongs to the avatar. It is always subtracted from those of
+    /// gazes.
     bool centred_corrections = false;
 };
 
@@ -56,17 +57,17 @@ struct AvatarTraining {
 template <class T>
 struct AvatarStepReport {
     AvatarLosses<T> losses;
-    AdamReport adam;  ///< not applied if a gradient was not finite; nothing has changed then
+    AdamReport adam;  ///< not applied, and nothing changed, if a gradient was not finite
 };
 
-/// Training of an avatar, a step at a time, on the caller's parameters and moments.
+/// Training of an avatar, step by step, on the caller's parameters and moments.
 template <Backend B, class T, EffectSet E, AccuracyPolicy A, class Perceptual, class Rates>
 class AvatarTrainer {
   public:
     using Avatar = TwoStream<T, E>;
     B backend;
 
-    /// The avatar and its optimiser must outlive the trainer.
+    /// Keeps references: the avatar and its optimiser must outlive the trainer.
     AvatarTrainer(const B& on, Avatar& avatar, Adam<Avatar>& adam,
                   AvatarTraining<A, Perceptual, Rates> training)
         : backend(on), avatar_(avatar), adam_(adam), training_(std::move(training)),
@@ -79,7 +80,7 @@ class AvatarTrainer {
             }
     }
 
-    /// One step; the learning rates are multiplied by `rate`.
+    /// Takes a step with the learning rates multiplied by `rate`.
     template <class Probe = NoProbe>
     AvatarStepReport<T> step(const Drivers<T, E>& drivers, const AvatarImages<T>& images,
                              double rate = 1, Probe&& probe = {}) {
@@ -120,7 +121,7 @@ class AvatarTrainer {
         return step(sample.drivers, sample, rate, probe);
     }
 
-    /// The losses at the avatar as it is, without smoothness.
+    /// Returns the losses of the avatar at its current parameters, without smoothness.
     template <class Probe = NoProbe>
     AvatarLosses<T> losses(const Drivers<T, E>& drivers, const AvatarImages<T>& images,
                            Probe&& probe = {}) {
@@ -130,7 +131,7 @@ class AvatarTrainer {
         return training_.objective.value(backend, avatar_.upsampler, images, trace_, pictures_,
                                          probe);
     }
-    /// Adds their gradient. Call it after losses() with the same arguments.
+    /// Adds the gradient of losses(), which must have been called last, with the same arguments.
     template <class Probe = NoProbe>
     void add_gradient(const Drivers<T, E>& drivers, const AvatarImages<T>& images, Avatar& gradient,
                       Probe&& probe = {}) {
@@ -150,7 +151,7 @@ class AvatarTrainer {
         if constexpr (has_effect<E, ReadsHeadPose>)
             if (images.frame >= 0) gradient.delta_pose.col(images.frame) += g_pose;
         if constexpr (has_effect<E, Kappa>)
-            if (images.frame >= 0 && avatar_.delta_gaze.size() > 0) // kappa's, as angles add up
+            if (images.frame >= 0 && avatar_.delta_gaze.size() > 0) // kappa's: angles add
                 gradient.delta_gaze.col(images.frame) +=
                     Columns<T>(gradient.eyes.kappa - g_kappa).reshaped();
         probe("networks vjp");
@@ -160,12 +161,12 @@ class AvatarTrainer {
     const AvatarPictures<T, UpsamplerOf<T, E>>& pictures() const { return pictures_; }
 
   private:
-    /// Where features are constants, their smoothness is that of the parameters; else that of what
-    /// is generated for the frame.
+    /// True if the smoothness is that of parameters, since features are constants; if false it is
+    /// that of the frame's generated features.
     static constexpr bool smooths = requires(const Avatar& a) { a.eyes.feature; } && Real<T>;
     static constexpr bool smooths_driven = !smooths && Real<T>;
 
-    /// Drivers with the frame's corrections and the camera.
+    /// Returns the drivers with the frame's corrections and the camera.
     Drivers<T, E> corrected(const Drivers<T, E>& tracked, const AvatarImages<T>& images) const {
         Drivers<T, E> drivers = tracked;
         if constexpr (has_effect<E, ReadsHeadPose>)
@@ -183,7 +184,7 @@ class AvatarTrainer {
         return drivers;
     }
 
-    /// Takes off what corrections of all frames have in common.
+    /// Subtracts the mean over frames from the corrections.
     void centre() {
         if constexpr (has_effect<E, Kappa>) centre_rows(avatar_.delta_gaze);
         if constexpr (has_effect<E, ReadsHeadPose>)
@@ -196,9 +197,9 @@ class AvatarTrainer {
     Avatar gradient_;
     TwoStreamTrace<T, E> trace_;
     AvatarPictures<T, UpsamplerOf<T, E>> pictures_;
-    NeighbourGraph neighbours_;  ///< of both eyeballs' points, if their colours are smoothed
-    std::vector<std::vector<Index>> neighbour_of_; ///< of the same graph
-    Columns<T> driven_smoothness_ = {}; ///< for the next add_gradient: of features, C x P
+    NeighbourGraph neighbours_;  ///< for both eyeballs' points, if their colours are smoothed
+    std::vector<std::vector<Index>> neighbour_of_; ///< neighbour_of(neighbours_)
+    Columns<T> driven_smoothness_ = {}; ///< cotangent of features for add_gradient, C x P
 };
 
 template <Backend B, class T, EffectSet E, AccuracyPolicy A = Balanced,

@@ -44,7 +44,7 @@ inline Image<float> extended(const Image<float>& image, int factor,
     return out;
 }
 
-/// Averages factor x factor blocks of the extended image.
+/// Returns the averages of the extended image's factor x factor blocks.
 inline Image<float> shrunk(const Image<float>& image, int factor,
                            Border border = Border::repeated) {
     if (factor == 1) return image;
@@ -79,7 +79,7 @@ AvatarSample<float> avatar_sample(const CaptureOf<P>& capture, const AvatarSampl
     const auto place = std::find(capture.train.begin(), capture.train.end(), frame);
     s.frame = place == capture.train.end() ? -1 : place - capture.train.begin();
     s.camera = render_camera(capture.camera(frame, camera).template cast<float>(), factor);
-    // Sides not divisible by the factor are extended by repetition; masks, extended by zeros,
+    // Sides that the factor does not divide are extended by repetition; masks, extended by zeros,
     // exclude these pixels from comparisons.
     const Image<float> mask = extended(capture.mask(frame, camera), factor);
     s.truth = on_background(extended(capture.image(frame, camera), factor), mask, 1.0f);

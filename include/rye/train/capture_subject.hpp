@@ -19,7 +19,8 @@
 
 namespace rye {
 
-/// About as many dense landmarks as Gaussian Head Avatar keeps (every 100th of 35,709 vertices).
+/// Number of dense landmarks, about as many as Gaussian Head Avatar keeps (every 100th of 35,709
+/// vertices).
 inline constexpr int dense_landmarks = 358;
 
 /// Properties of the subject from the whole capture.
@@ -29,7 +30,7 @@ struct CaptureSubject {
     Vec3<double> head_centre;  ///< middle of the lattice, canonical
     std::array<Vec3<double>, 2> eye_centre;  ///< neutral, canonical
     std::array<double, 2> eye_radius, limbus_radius, iris_plane;  ///< canonical units
-    bool measured_eyes = false;           ///< eye centres come from gaze.npz
+    bool measured_eyes = false;           ///< true if eye centres come from gaze.npz
 
     /// Returns the neutral eye centres as columns, canonical, 3 x 2.
     Columns<double> eye_centres() const {
@@ -56,14 +57,14 @@ inline Vec3<double> eye_landmark_centre(const Columns<double>& landmarks, int ey
     return sum / 6.0;
 }
 
-/// Of vertices, each so many one is a landmark.
+/// Returns the stride of the vertices that are dense landmarks.
 inline Index vertex_stride(const Columns<double>& vertices) {
     return std::max<Index>(1, vertices.cols() / dense_landmarks);
 }
 
 } // namespace detail
 
-/// Returns world -> canonical head frame of a frame: R^T (x - T) / S.
+/// Returns world points in a frame's canonical head frame: R^T (x - T) / S.
 inline Columns<double> to_canonical(const CaptureFrame& frame, const Columns<double>& world) {
     const Vec3<double> t = frame.pose.tail<3>();
     return so3_exp(Vec3<double>(frame.pose.head<3>())).transpose() * (world.colwise() - t) /
@@ -88,7 +89,7 @@ inline Columns<double> frame_landmarks(const CaptureLabels& capture, int frame) 
     return chosen_landmarks(f.landmarks, f.vertices);
 }
 
-/// Replaces them, 3 x L in the world; vertices that are not chosen stay as they are.
+/// Replaces the landmarks of a frame, 3 x L in the world; other vertices are unchanged.
 inline void set_frame_landmarks(CaptureFrame& frame, const Columns<double>& landmarks) {
     const Index sparse = frame.landmarks.cols(), stride = detail::vertex_stride(frame.vertices);
     frame.landmarks = landmarks.leftCols(sparse);
@@ -101,7 +102,7 @@ inline Vec3<double> gaze_of(const CaptureEye& eye, GazeAxis axis) {
     return axis == GazeAxis::visual ? eye.visual.value() : eye.optical;
 }
 
-/// Throws Error with the first frame that has no such gazes.
+/// Throws an Error with the first frame that has no such gazes.
 inline void require_gazes(const CaptureLabels& capture, GazeAxis axis) {
     if (axis == GazeAxis::optical) return;
     for (const CaptureFrame& f : capture.frames)
@@ -146,7 +147,7 @@ inline void place_eye(CaptureSubject& s, int eye, const CaptureFrame& first,
 
 } // namespace detail
 
-/// Throws Error if the capture lacks what training needs (gaze of every frame, training frames).
+/// Throws an Error if the capture lacks what training needs (gaze of every frame, training frames).
 inline CaptureSubject describe_subject(const CaptureLabels& capture,
                                        const EyeSource& eyes = EyeSource{}) {
     const std::string who = capture.folder.string();
@@ -158,7 +159,7 @@ inline CaptureSubject describe_subject(const CaptureLabels& capture,
     s.neutral = to_canonical(first, frame_landmarks(capture, capture.train.front()));
     const Index sparse = first.landmarks.cols();
     for (Index k = 0; k < s.neutral.cols(); ++k)
-        if (k < 36 || k >= 48) s.roles.expression.push_back(k);  // P_0: all but the eyes
+        if (k < 36 || k >= 48) s.roles.expression.push_back(k);  // P_0: all except the eyes
     for (int eye = 0; eye < 2; ++eye)
         for (const int k : eye_landmarks(eye))
             s.roles.eye[static_cast<std::size_t>(eye)].push_back(k);

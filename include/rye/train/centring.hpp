@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/centring.hpp: takes off what corrections of all frames have in common, which belongs
-/// to the avatar: kappa to gazes, the head's frame to poses. The same sums on host and device.
+/// rye/train/centring.hpp: subtraction of the mean over frames from the frames' corrections. That
+/// mean belongs to the avatar: gazes' to kappa, poses' to the head's frame. The same sums on host
+/// and device.
 #pragma once
 
 #include <concepts>
@@ -11,8 +12,8 @@
 
 namespace rye {
 
-/// Returns the mean over columns of a row, by its first number in column-major memory: summed in
-/// their order, floats in double.
+/// Returns the mean over columns of a row, given its first number in column-major memory; summed in
+/// order, floats in double.
 template <class T>
 RYE_HD T mean_of_row(const T* row, Index rows, Index cols) {
     using Sum = std::conditional_t<std::same_as<T, float>, double, T>;
@@ -21,7 +22,7 @@ RYE_HD T mean_of_row(const T* row, Index rows, Index cols) {
     return T(sum / Sum(static_cast<real_t<Sum>>(cols)));
 }
 
-/// Takes the mean over columns off each row.
+/// Subtracts from each row its mean over columns.
 template <class T>
 void centre_rows(Columns<T>& a) {
     if (a.cols() == 0) return;

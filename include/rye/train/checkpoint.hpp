@@ -26,7 +26,7 @@ void append_fields(const std::string& prefix, const P& p, std::vector<TensorEntr
         }, p);
 }
 
-/// The moments and step counts of an optimiser.
+/// Appends the moments and step counts of an optimiser.
 template <class P>
 void append_adam(const std::string& prefix, const Adam<P>& adam,
                  std::vector<TensorEntry>& entries) {
@@ -46,7 +46,8 @@ void append_adam(const std::string& prefix, const Adam<P>& adam,
 
 namespace detail {
 
-/// A tensor into an array; an array that has a size already must keep it.
+/// Loads a tensor into an array; throws an Error if the array has a size already and the tensor
+/// another.
 template <class T>
 void load_array(const Safetensors& file, const std::string& name, Columns<T>& a) {
     a = a.size() > 0 ? file.columns<T>(name, a.rows(), a.cols()) : file.columns<T>(name);
@@ -54,7 +55,8 @@ void load_array(const Safetensors& file, const std::string& name, Columns<T>& a)
 
 } // namespace detail
 
-/// Fills the arrays of `p` (and its buffers) from "prefix.name". Errors name file and tensor.
+/// Fills the arrays of `p` (and its buffers) from "prefix.name". Errors name the file and the
+/// tensor.
 template <class P>
 void load_fields(const Safetensors& file, const std::string& prefix, P& p) {
     const auto load = [&](const std::string& name, auto& a) {
@@ -64,7 +66,7 @@ void load_fields(const Safetensors& file, const std::string& prefix, P& p) {
     if constexpr (requires { P::buffers(load, p); }) P::buffers(load, p);
 }
 
-/// `adam` must have been made for parameters of the right shapes.
+/// Loads an optimiser's state; `adam` must have been made for parameters of the right shapes.
 template <class P>
 void load_adam(const Safetensors& file, const std::string& prefix, Adam<P>& adam) {
     P::fields([&](const std::string& name, auto& m, auto& v) {

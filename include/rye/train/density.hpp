@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/density.hpp: more Gaussians of the face where the pictures have detail that it does
-/// not show, and fewer where they show nothing: between two steps some split, some go. Head frame,
-/// canonical units.
+/// rye/train/density.hpp: density control of the face: more Gaussians where the pictures have
+/// detail that it does not show, fewer where they show nothing. Between two steps some split, some
+/// are removed. Head frame, canonical units.
 /// The criterion is the root mean square of the gradient of the neutral position, times a factor
 /// near eyes and lips. Adam keeps that mean as its second moment, over about 1 / (1 - beta2) steps,
 /// so that a step computes and stores nothing for it; the correction of its bias is one factor for
-/// all Gaussians, which does not change their order. 3DGS takes the mean of the gradient's norm on
-/// the screen, over the views that show a Gaussian, and compares it with a threshold. Here
-///   - lengths are those of the head, not pixels: a near camera does not count more;
-///   - steps that do not show a Gaussian count as 0: what few cameras see is refined later;
+/// all Gaussians, which does not change their order. 3DGS compares the mean of the gradient's norm
+/// on the screen, over the views that show a Gaussian, with a threshold. Here
+///   - lengths are measured on the head, not pixels: a near camera does not count more;
+///   - steps that do not show a Gaussian count as 0: parts that few cameras see are refined later;
 ///   - squares make a few views with a large gradient count more than many with a small one;
-///   - the gradient includes what reaches the position through its code, which drives the face;
-///   - order decides, not a threshold: the share that splits is a setting.
-/// Nothing is random, the order of Gaussians stays, and bits do not depend on threads.
+///   - the gradient includes the part through the position's code, which drives the face;
+///   - the order decides, not a threshold: the share that splits is a setting.
+/// Nothing is random, Gaussians keep their order, and bits do not depend on the number of threads.
 /// Source: Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Rendering", 2023,
 /// section 5; opacities of halves as in Rota Bulo et al., "Revising Densification in Gaussian
 /// Splatting", 2024, section 3.3, for halves that are smaller than the whole.
@@ -34,7 +34,7 @@
 
 namespace rye {
 
-/// The first step after `step` that a change follows; the greatest Index if there is none.
+/// Returns the first step after `step` that a change follows; the greatest Index if there is none.
 inline Index next_density_step(const DensityConfig& c, Index step) {
     constexpr Index none = std::numeric_limits<Index>::max();
     if (c.every <= 0) return none;
@@ -42,12 +42,12 @@ inline Index next_density_step(const DensityConfig& c, Index step) {
     const Index next = (from + c.every - 1) / c.every * c.every;
     return next <= c.last ? next : none;
 }
-/// True where a change follows step number `step` of `total`: not the last, which no step would
-/// follow.
+/// Returns true if a change follows step number `step` of `total`; false for the last step.
 inline bool density_due(const DensityConfig& c, Index step, Index total) {
     return step < total && step == next_density_step(c, step - 1);
 }
-/// How many Gaussians a face of n after `step` of `total` steps can have at their end, at most.
+/// Returns an upper bound on the final number of Gaussians of a face that has n after `step` of
+/// `total` steps.
 inline double most_of_face(const DensityConfig& c, double n, Index step, Index total) {
     const Index next = next_density_step(c, step);
     const Index last = std::min<Index>(c.last, total - 1);
@@ -56,34 +56,34 @@ inline double most_of_face(const DensityConfig& c, double n, Index step, Index t
     return std::max(n, std::min(static_cast<double>(c.most), n * std::pow(1 + c.grow, changes)));
 }
 
-/// The halves of a Gaussian that splits along one of its axes, in multiples of its standard
-/// deviation s there: each has s / shrink, at +-distance s, and kappa of its optical depth
-/// -log(1 - opacity). With kappa = shrink / 2 both absorb what it did where the axis lies across
-/// the view, as those do that split_axis finds: moving a Gaussian along a view changes no picture.
-/// (For shrink 1, copies in one place, that is the opacity 1 - sqrt(1 - a) of the source.) Pictures
-/// of the two differ from the whole's by 11 % (rms) where a is small, by 17 % at 0.9; with the
-/// opacity of copies it would be 34 % and 15 %. The shrink is 3DGS's, which shrinks all three axes.
+/// Halves of a Gaussian that splits along one of its axes, in multiples of its standard deviation s
+/// there: each has deviation s / shrink, lies at +-distance s, and has kappa times its optical
+/// depth -log(1 - opacity). With kappa = shrink / 2 both absorb as much as the whole if the axis
+/// lies across the view, as do those that split_axis finds: moving a Gaussian along a view changes
+/// no picture. (For shrink 1, two copies in one place, this is the opacity 1 - sqrt(1 - a) of the
+/// source.) Pictures of the two differ from the whole's by 11 % (rms) for small a, by 17 % at 0.9;
+/// with the opacity of copies it would be 34 % and 15 %. 3DGS has this shrink for all three axes.
 struct SplitGaussian {
     static constexpr double shrink = 1.6, distance = 0.6, kappa = shrink / 2;
 
-    /// Logit of a half's opacity, by that of the whole.
+    /// Returns the logit of a half's opacity, given the logit of the whole's.
     template <Real T>
     static T logit_opacity(const T& whole) {
         const T depth = T(kappa) * softplus(whole);
         return T(std::log(-std::expm1(-depth)) + depth);
     }
-    /// Factor of the mean of gradients, and of their mean squares: moving both halves is moving
-    /// the whole, so that their gradients add to its, and each is taken to have half of it. The
-    /// optimiser's next step is then as long as the whole's would have been; without means it
-    /// would be three times the learning rate, as counts of steps are of all Gaussians.
+    /// Factors of the mean of gradients and of their mean squares. Moving both halves moves the
+    /// whole, so their gradients add up to its gradient, and each is assumed to have half of it.
+    /// The optimiser's next step is then as long as the whole's would have been; without means it
+    /// would be three times the learning rate, since all Gaussians share a count of steps.
     static constexpr double mean = 0.5, square = 0.25;
 };
 
 /// Counts of a change.
 struct DensityChange {
-    Index grown = 0;  ///< Gaussians that were split, each into two
-    Index pruned = 0; ///< that went
-    Index face = 0;   ///< that the face has now
+    Index grown = 0;  ///< Gaussians split, each into two
+    Index pruned = 0; ///< Gaussians removed
+    Index face = 0;   ///< Gaussians of the face after the change
 };
 
 namespace detail {
@@ -100,7 +100,7 @@ void for_face_columns(F&& f, A&&... avatar) {
     if constexpr (has_effect<E, HeadShading>) f("shading.normal", avatar.shading.normal...);
 }
 
-/// Error for a number that is not finite, or a mean square below 0.
+/// Throws an Error for a number that is not finite, or a mean square below 0.
 template <EffectSet E, class Avatar>
 void require_splittable(const Avatar& avatar, const Adam<Avatar>& adam) {
     for_face_columns<E>(
@@ -110,7 +110,7 @@ void require_splittable(const Avatar& avatar, const Adam<Avatar>& adam) {
             const auto check = [&](const std::string& of, const auto& a, bool square) {
                 Index i = 0;
                 while (i < a.size() && std::isfinite(a(i)) && !(square && a(i) < 0)) ++i;
-                if (i == a.size()) return; // words cost more than the look
+                if (i == a.size()) return; // building the message costs more than the check
                 throw Error("change_density: " + of + "'" + name + "' of Gaussian " +
                             std::to_string(i / a.rows()) + " is " + number_text(a(i)) +
                             ", expected a finite number" + (square ? ", 0 or more" : ""));
@@ -124,8 +124,8 @@ void require_splittable(const Avatar& avatar, const Adam<Avatar>& adam) {
 
 } // namespace detail
 
-/// The criterion's square for each of N Gaussians, of mean squares of their positions' gradients,
-/// 3 x N; landmarks (3 x K, K above 0) are those that the settings prefer.
+/// Returns the square of the criterion for each of N Gaussians, from the mean squares of their
+/// positions' gradients, 3 x N. landmarks: those that the settings prefer, 3 x K, K > 0.
 template <Real T, Backend B>
 std::vector<double> density_criterion(const B& backend, const Columns<T>& position,
                                       const Columns<T>& square, const Columns<T>& landmarks,
@@ -142,8 +142,8 @@ std::vector<double> density_criterion(const B& backend, const Columns<T>& positi
     return criterion;
 }
 
-/// The axis of a Gaussian along which the mean square of the loss's change is largest, if it moved
-/// by its own standard deviation; the first of equals. rotation: from its axes to the head's.
+/// Returns the axis of a Gaussian along which a move by its own standard deviation has the largest
+/// mean square change of the loss; the first of equals. rotation: from its axes to the head's.
 template <Real T>
 int split_axis(const Mat3<T>& rotation, const Vec3<T>& log_scale, const Vec3<T>& square) {
     int axis = 0;
@@ -162,13 +162,14 @@ int split_axis(const Mat3<T>& rotation, const Vec3<T>& log_scale, const Vec3<T>&
 
 namespace detail {
 
-/// The fate of each Gaussian of a face.
+/// Fate of each Gaussian of a face.
 struct DensityPlan {
     std::vector<bool> goes, splits;
     DensityChange change;
 };
 
-/// Those whose opacity is below the bound go; of the others the first of the criterion split.
+/// Returns the plan: Gaussians whose opacity is below the bound are removed; of the others, those
+/// with the largest criterion split.
 template <Real T>
 DensityPlan density_plan(const Columns<T>& opacity_logit, const std::vector<double>& criterion,
                          const DensityConfig& config) {
@@ -202,13 +203,14 @@ DensityPlan density_plan(const Columns<T>& opacity_logit, const std::vector<doub
 
 } // namespace detail
 
-/// Splits and prunes Gaussians of the face, with their moments. Those below config.prune go. Of the
-/// others, those whose criterion is largest split, of equals the first ones: as many as config.grow
-/// of all before, and as config.most has room for, but none that no step has moved or whose halves
-/// would go. Halves follow each other in the place of the whole. Eyes, networks and counts of steps
-/// stay; trainers that have memory for the avatar must be made again. The face has 66 landmarks or
-/// more, in the order of the capture. Error, and nothing has changed, for a number that is not
-/// finite, and where all would go.
+/// Splits and prunes Gaussians of the face, with their moments. Those of opacity below config.prune
+/// are removed. Of the others, those with the largest criterion split, the first ones of equals: at
+/// most the share config.grow of all before, and as many as config.most permits, but none that no
+/// step has moved or whose halves would be removed. Halves take the place of the whole, one after
+/// the other. Eyes, networks and counts of steps are unchanged; trainers that hold memory for the
+/// avatar must be made again. The face has 66 landmarks or more, in the order of the capture.
+/// Throws an Error, with nothing changed, for a number that is not finite, and if all would be
+/// removed.
 template <Real T, EffectSet E, Backend B>
     requires(!face_rests<E> && !has_own_effects<E>)
 DensityChange change_density(const B& backend, TwoStream<T, E>& avatar, Adam<TwoStream<T, E>>& adam,
@@ -216,14 +218,14 @@ DensityChange change_density(const B& backend, TwoStream<T, E>& avatar, Adam<Two
     detail::require_splittable<E>(avatar, adam);
     FaceStream<T, E>& face = avatar.face;
     RYE_ASSERT(face.landmarks.cols() >= 66, "change_density: fewer than 66 landmarks");
-    const Columns<T> eyes_and_lips = face.landmarks.middleCols(36, 30); // of GHA's numbering
+    const Columns<T> eyes_and_lips = face.landmarks.middleCols(36, 30); // in GHA's numbering
     const detail::DensityPlan plan = detail::density_plan(
         face.opacity_logit,
         density_criterion<T>(backend, face.position, adam.v.face.position, eyes_and_lips, config),
         config);
     if (plan.change.grown + plan.change.pruned == 0) return plan.change;
 
-    std::vector<Index> whole;  // of each column that there will be
+    std::vector<Index> whole;  // source of each new column
     std::vector<Index> halves; // first columns of pairs
     for (Index i = 0; i < face.position.cols(); ++i) {
         if (plan.goes[static_cast<std::size_t>(i)]) continue;

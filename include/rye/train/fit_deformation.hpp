@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/fit_deformation.hpp: the deformations by expression and gaze, fitted to the landmarks
-/// of all frames at the end of stage 1. A step costs little beside one with pictures, so the frames
-/// that are rare (a blink) get as near as the common ones. Not in the paper: docs/deviations.md.
+/// rye/train/fit_deformation.hpp: fit of the deformations by expression and gaze to the landmarks
+/// of all frames at the end of stage 1. A step is cheap compared with one with pictures, so rare
+/// frames (a blink) are fitted as well as common ones. Not in the paper: docs/deviations.md.
 #pragma once
 
 #include <cmath>
@@ -18,10 +18,10 @@ namespace rye {
 /// Settings of the fit of deformations to landmarks.
 struct DeformationFit {
     int steps = 0;
-    int batch = 4;        ///< frames a step
+    int batch = 4;        ///< frames per step
     double rate = 2e-3;   ///< first learning rate; the last is a twentieth
-    Random random = {};   ///< draws the frames
-    /// Share of the frames that are mixed_frame, with the landmarks of a regression; 0: none.
+    Random random = {};   ///< draw of the frames
+    /// Share of the frames that are mixed_frame, with the landmarks of a regression; 0 for none.
     double mixed = 0;
     RegressionConfig regression = {};
 };
@@ -33,16 +33,16 @@ template <class T, EffectSet E>
 struct DeformationTask {
     FaceNetworks<T, E> grad;
     DeformedLandmarks<T, E> landmarks;
-    T squares = T(0); ///< mean square of a landmark's coordinate that is off
+    T squares = T(0); ///< mean square error of a landmark's coordinate
     bool mixed = false;
 };
 
 } // namespace detail
 
-/// `frames` need drivers and landmarks only. Frames of a step run side by side, each on one thread,
-/// and are added in order. Returns the root mean square distance of a landmark's coordinate of a
-/// frame in the last steps (as many as there are frames), canonical units; mixed frames do not
-/// count.
+/// Fits the deformations. `frames` need drivers and landmarks only. Frames of a step run in
+/// parallel, each on one thread, and are added in order. Returns the root mean square error of a
+/// landmark's coordinate in the last steps (as many as there are frames), canonical units, without
+/// mixed frames.
 template <Real T, EffectSet E, Backend B>
 double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const LandmarkStage& stage,
                        const std::vector<MeshSample<T, E>>& frames, const DeformationFit& fit) {
@@ -50,7 +50,7 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
     const auto alone = one_thread(backend);
     const Columns<T>& neutral = mesh.landmarks;
     GeometryTrace<T> geometry;
-    LandmarkPlaces<T, E> places; // lattice and landmarks stay, so that these do
+    LandmarkPlaces<T, E> places; // lattice and landmarks are fixed, so these are too
     place_landmarks(backend, mesh, stage, geometry, places);
     LandmarkRegression regression;
     if (fit.mixed > 0)
@@ -73,7 +73,8 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
             t.mixed ? made
                     : frames[static_cast<std::size_t>(
                           fit.random.below(draw, static_cast<Index>(frames.size())))];
-        const FrameCode<T, E> code = frame_code(stage.config, frame.drivers);
+        const FrameCode<T, E> code =
+            frame_code(stage.config, OpticalDrivers<T, E>(frame.drivers));
         const LandmarkDeformation<T, E> at{networks, stage, places, code};
         deform_landmarks(alone, at, t.landmarks);
         const LossTerm<T> off = deformation_term<T>(t.landmarks.deformed, frame.landmarks);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/initialize.hpp: the first state of each stage: a sphere for stage 1; Gaussians on the
+/// rye/train/initialize.hpp: initial state of each stage: a sphere for stage 1; Gaussians on the
 /// neutral surface, in the mouth and on the eyeballs for stage 2.
 /// Source: GHA's pre-training and GaussianHeadModule; paper section 4.1, last paragraph.
 #pragma once
@@ -16,16 +16,17 @@
 
 namespace rye {
 
-/// A fit of the signed distance to a sphere of radius 1, over points of the cube around it.
+/// Fit of the signed distance to a sphere of radius 1, over points of the cube around it.
 template <class T>
 struct SphereFit {
     Vec3<T> centre;
-    T half_side; ///< of the cube
+    T half_side; ///< half a side of the cube
     int steps;
     double rate;
 };
 
-/// Targets beyond 1 cannot be reached through tanh; they need not be.
+/// Pre-trains the mesh to a sphere. Targets beyond 1 are out of reach of tanh, and need not be
+/// reached.
 template <Real T, EffectSet E, Backend B>
 void pretrain_sphere(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                      const std::type_identity_t<SphereFit<T>>& fit, const Random& random) {
@@ -51,15 +52,17 @@ void pretrain_sphere(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarCon
     }
 }
 
-/// What initialize_avatar needs beside the guidance mesh.
+/// Inputs of initialize_avatar beside the guidance mesh.
 template <class T, EffectSet E = PaperEffects>
 struct AvatarInit {
-    TetGrid<T> grid = {};      ///< subdivided once more than stage 1's, if so wished
+    TetGrid<T> grid = {};      ///< may be subdivided once more than stage 1's
     /// Edges of the neutral surface longer than spacing + slope * (distance to the nearest eye or
-    /// lip landmark) are halved; spacing 0: none. Units: canonical.
+    /// lip landmark) are halved; spacing 0: none. Canonical units.
     T spacing = T(0), spacing_slope = T(0.1);
     int mouth_points = 3000;
     T opacity = T(0.3);
+    /// Thickness of the surface's Gaussians along its normal, times their width; 1: round.
+    T thickness = T(1);
     T eye_opacity = T(0.9);
     T eye_thickness = T(1); ///< of eyeball Gaussians along the normal, times their width
     std::array<EyeballSourceOf<E>, 2> eyeball = {}; ///< shapes about their centres, canonical units
@@ -68,11 +71,11 @@ struct AvatarInit {
     Index frames = 0;          ///< training frames, for delta_pose
 };
 
-/// A feature that saturated tanh would be infinite before it; this keeps it below 6.2.
+/// Bound of a feature: a saturated tanh would need an infinite input; this keeps it below 6.2.
 inline constexpr double max_initial_feature = 1 - 1e-5;
 
-/// Points in the mouth, where the neutral surface has none: uniform in a box around the lips.
-/// `lips` are their columns among the landmarks. Source: GHA, 1.6 times the lips' extent.
+/// Returns points in the mouth, where the neutral surface has none: uniform in a box around the
+/// lips. lips: their landmarks, 3 x K. Source: GHA, 1.6 times the lips' extent.
 template <Real T>
 Columns<T> mouth_points(const Columns<T>& lips, int count, const Random& random) {
     Vec3<T> centre = lips.rowwise().mean();
@@ -87,14 +90,15 @@ Columns<T> mouth_points(const Columns<T>& lips, int count, const Random& random)
     return x;
 }
 
-/// Edges longer than spacing + slope * (distance to the nearest landmark) are halved.
+/// Bound on edges: those longer than spacing + slope * (distance to the nearest landmark) are
+/// halved.
 template <class T>
 struct EdgeBound {
     T spacing, slope;
 };
 
-/// The neutral surface, with vertices close together around eyes and lips, where a coarse one could
-/// neither open nor close.
+/// Refines the neutral surface around eyes and lips, where a coarse one could neither open nor
+/// close.
 template <Real T, Backend B>
 void refine_at_landmarks(const B& backend, const Columns<T>& landmarks, const EdgeBound<T>& bound,
                          TriangleMesh<T>& mesh, Columns<T>& feature) {
@@ -109,8 +113,8 @@ void refine_at_landmarks(const B& backend, const Columns<T>& landmarks, const Ed
         passes);
 }
 
-/// Moves points that lie in an eyeball out to just before it: lids that began inside could only
-/// show through a transparent eye.
+/// Moves points that lie in an eyeball to just outside it: lids that start inside could only be
+/// seen through a transparent eye.
 template <Real T>
 void leave_eyeball(const Columns<T>& eyeball, const Vec3<T>& centre, Columns<T>& points) {
     const T reach = T(1.03) * std::sqrt(eyeball.colwise().squaredNorm().maxCoeff());
@@ -121,15 +125,15 @@ void leave_eyeball(const Columns<T>& eyeball, const Vec3<T>& centre, Columns<T>&
     }
 }
 
-/// Where the face's Gaussians begin.
+/// Initial points of the face's Gaussians.
 template <class T>
 struct FacePoints {
     TriangleMesh<T> surface; ///< neutral, refined, outside the eyeballs
-    Columns<T> feature;      ///< of its vertices
-    Columns<T> mouth;        ///< points in the mouth, after them, 3 x M
+    Columns<T> feature;      ///< features of its vertices
+    Columns<T> mouth;        ///< points in the mouth, which follow the vertices, 3 x M
     std::array<EyeballTemplate<T>, 2> eyeball;
 
-    /// Unit normals of all, 3 x N; +z in the mouth.
+    /// Returns the unit normals of all points, 3 x N; +z in the mouth.
     Columns<T> normals() const {
         Columns<T> n(3, surface.vertices.cols() + mouth.cols());
         n << detail::vertex_normals(surface.vertices, surface.faces),
@@ -138,8 +142,8 @@ struct FacePoints {
     }
 };
 
-/// The points of initialize_avatar with the same arguments. Error if the guidance mesh has no
-/// surface.
+/// Returns the points of initialize_avatar with the same arguments. Throws an Error if the guidance
+/// mesh has no surface.
 template <Real T, EffectSet E, Backend B>
 FacePoints<T> face_points(const B& backend, const GuidanceMesh<T, E>& mesh,
                           const AvatarConfig& config, const AvatarInit<T, E>& init,
@@ -154,7 +158,7 @@ FacePoints<T> face_points(const B& backend, const GuidanceMesh<T, E>& mesh,
         neutral.feature,
         {},
         {eyeball_template<T>(init.eyeball[0]), eyeball_template<T>(init.eyeball[1])}};
-    // Eyes and lips among the landmarks (36 to 47, 48 to 65 of GHA's numbering).
+    // Eyes and lips are landmarks 36 to 47 and 48 to 65 of GHA's numbering.
     if (init.spacing > T(0))
         refine_at_landmarks<T>(backend, mesh.landmarks.middleCols(36, 30),
                                {init.spacing, init.spacing_slope}, points.surface, points.feature);
@@ -166,7 +170,17 @@ FacePoints<T> face_points(const B& backend, const GuidanceMesh<T, E>& mesh,
     return points;
 }
 
-/// Error if the guidance mesh has no surface.
+/// Makes the first `count` Gaussians of a face discs of that thickness, times their width, across
+/// their normals, 3 x N.
+template <Real T, EffectSet E>
+void flatten(const Columns<T>& normals, Index count, std::type_identity_t<T> thickness,
+             FaceStream<T, E>& face) {
+    face.log_scale.row(2).leftCols(count).array() += std::log(thickness);
+    for (Index i = 0; i < count; ++i)
+        face.rotation.col(i) = shortest_arc(Vec3<T>(0, 0, 1), Vec3<T>(normals.col(i)));
+}
+
+/// Returns the initial avatar of stage 2. Throws an Error if the guidance mesh has no surface.
 template <Real T, EffectSet E, Backend B>
 TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& mesh,
                                   const AvatarConfig& config, const AvatarInit<T, E>& init,
@@ -196,6 +210,8 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     }).replicate(3, 1);
     f.rotation = Columns<T>::Zero(4, n);
     f.rotation.row(0).setOnes();
+    if (init.thickness < T(1))
+        flatten(points_of_face.normals(), surface.cols(), init.thickness, f);
     f.opacity_logit = Columns<T>::Constant(1, n, logit(init.opacity));
     f.networks = mesh.networks;
     [[maybe_unused]] const auto attributes = [&](int frame_inputs, const std::vector<int>& hidden,

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/label_consistency.hpp: what the labels of many frames say about each other, before
-/// any picture is looked at: how well a quantity of a frame is predicted by the other frames, the
-/// rigid motions that bring frames of one head together, and landmarks without the noise that
-/// their neighbours do not share. Lengths in any unit; a frame is a column.
+/// rye/train/label_consistency.hpp: consistency of the labels of many frames, before any picture is
+/// read: prediction of a frame's quantity from the other frames, rigid motions that align the
+/// frames of one head, and removal of noise from landmarks that their neighbours do not share.
+/// Lengths in any unit; a frame is a column.
 /// Source: ridge regression with leave-one-out residuals in closed form (Golub, Heath and Wahba,
 /// 1979); generalised Procrustes analysis (Gower, 1975); Wiener's filter over the eigenvectors of a
 /// graph's Laplacian.
@@ -27,7 +27,7 @@ namespace rye {
 
 namespace detail {
 
-/// Eigenvectors of a positive semidefinite matrix, and their values, the largest first. By Jacobi's
+/// Eigenvectors of a positive semidefinite matrix, and their values, largest first. Uses Jacobi's
 /// rotations, which need no block of memory on the stack.
 struct PositiveModes {
     Eigen::MatrixXd vectors;
@@ -43,11 +43,11 @@ struct PositiveModes {
 
 } // namespace detail
 
-/// Linear regressions of quantities of F frames on what drives the frames, each with the ridge by
-/// which it predicts best the frames that are left out of it.
+/// Linear regressions of quantities of F frames on the frames' drivers, each with the ridge that
+/// best predicts left-out frames.
 class LeftOutRidge {
   public:
-    /// x: K regressors x F frames. Throws Error for fewer than three frames.
+    /// x: K regressors x F frames. Throws an Error for fewer than three frames.
     explicit LeftOutRidge(const Columns<double>& x) {
         const Index n = x.cols();
         require(n >= 3, "LeftOutRidge", "got ", n, " frames, expected 3 or more");
@@ -63,11 +63,11 @@ class LeftOutRidge {
     /// Predictions of some quantities, D x F.
     struct Fit {
         Columns<double> fitted;   ///< D x F
-        Columns<double> left_out; ///< each frame as the others predict it, D x F
-        double rms = 0;           ///< of what left_out is off by
-        double ridge = 0;         ///< infinite: the mean is the best prediction
+        Columns<double> left_out; ///< each frame as predicted by the others, D x F
+        double rms = 0;           ///< error of left_out
+        double ridge = 0;         ///< infinite if the mean is the best prediction
     };
-    /// y: D x F, which share a ridge.
+    /// Returns the fit of y, D x F, whose rows share a ridge.
     Fit fit(const Columns<double>& y) const {
         Fit best;
         best.rms = std::numeric_limits<double>::infinity();
@@ -89,15 +89,15 @@ class LeftOutRidge {
             }
             const double rms =
                 std::sqrt((y - left_out).squaredNorm() / static_cast<double>(y.size()));
-            // A regression has to be better than the mean by more than chance.
+            // A regression must be better than the mean by more than chance.
             if (rms < (best.ridge == ridges_.front() ? 0.97 : 1.0) * best.rms)
                 best = {std::move(fitted), std::move(left_out), rms, ridge};
         }
         return best;
     }
 
-    /// F x F: what a quantity of the frames is off by, each as the others predict it, is this times
-    /// the quantity.
+    /// Returns the F x F matrix that maps a quantity of the frames to its errors, each frame
+    /// predicted by the others.
     Eigen::MatrixXd left_out_residual(double ridge) const {
         const Index n = vectors_.rows();
         VecX<double> keep = VecX<double>::Zero(n);
@@ -115,7 +115,7 @@ class LeftOutRidge {
     std::vector<double> ridges_; ///< the infinite one first
 };
 
-/// A rigid motion: R x + t.
+/// Rigid motion R x + t.
 struct RigidMotion {
     Mat3<double> rotation = Mat3<double>::Identity();
     Vec3<double> translation = Vec3<double>::Zero();
@@ -123,7 +123,7 @@ struct RigidMotion {
     Columns<double> operator()(const Columns<double>& x) const {
         return (rotation * x).colwise() + translation;
     }
-    /// This after the other.
+    /// Returns the motion that applies `first`, then this one.
     RigidMotion operator*(const RigidMotion& first) const {
         return {rotation * first.rotation, rotation * first.translation + translation};
     }
@@ -134,7 +134,7 @@ struct RigidMotion {
 
 namespace detail {
 
-/// 3 x 6: a point's motion by a small turn and shift.
+/// Returns the 3 x 6 derivative of a point's motion by a small rotation and shift.
 inline Mat<double, 3, 6> motion_jacobian(const Vec3<double>& x) {
     Mat<double, 3, 6> j;
     j << 0, x.z(), -x.y(), 1, 0, 0, -x.z(), 0, x.x(), 0, 1, 0, x.y(), -x.x(), 0, 0, 0, 1;
@@ -143,22 +143,22 @@ inline Mat<double, 3, 6> motion_jacobian(const Vec3<double>& x) {
 
 } // namespace detail
 
-/// How frames are aligned.
+/// Settings of align_frames.
 struct AlignSettings {
-    int rounds = 8;        ///< of relinearised least squares
-    double turn = 0.005;   ///< deviation of a frame's turn that is expected at first [rad]
-    double shift = 0.005;  ///< of its shift [unit]
+    int rounds = 8;        ///< rounds of relinearised least squares
+    double turn = 0.005;   ///< initial standard deviation of a frame's rotation [rad]
+    double shift = 0.005;  ///< initial standard deviation of its shift [unit]
     double alike = 70;     ///< landmarks that an expression moves alike
 };
 
-/// The motions that bring the landmarks of each frame, 3 x L in the frame that its head pose gives,
-/// to where the other frames expect them; their mean over frames is none. x: K regressors x F
-/// frames, by which landmarks move; reach: K x L in [0, 1], how far each may move a landmark
-/// relative to the others, or empty: all alike. The motions of all frames are unknowns of one least
-/// squares, whose residuals are those of the left-out predictions: these are linear in the
-/// landmarks, and so in small motions. How large motions are expected is found in rounds. A
-/// landmark counts by how well it is predicted, and in a frame less where it disagrees with the
-/// stillest landmarks.
+/// Returns the motions that bring the landmarks of each frame, 3 x L in the frame of its head pose,
+/// to the positions predicted from the other frames; their mean over frames is the identity. x: K
+/// regressors x F frames, which move landmarks; reach: K x L in [0, 1], how far each may move a
+/// landmark relative to the others, or empty for all alike. The motions of all frames are the
+/// unknowns of one least-squares problem, whose residuals are those of the left-out predictions:
+/// these are linear in the landmarks, hence in small motions. The expected size of motions is
+/// estimated in rounds. A landmark is weighted by how well it is predicted, and less in a frame
+/// where it disagrees with the stillest landmarks.
 inline std::vector<RigidMotion> align_frames(const std::vector<Columns<double>>& frames,
                                              const Columns<double>& x,
                                              const Columns<double>& reach = {},
@@ -167,7 +167,7 @@ inline std::vector<RigidMotion> align_frames(const std::vector<Columns<double>>&
     std::vector<RigidMotion> motion(frames.size());
     if (n < 3) return motion;
     const Index landmarks = frames.front().cols();
-    // Landmarks that are moved by the same share a regression.
+    // Landmarks moved by the same regressors share a regression.
     std::vector<LeftOutRidge> ridges;
     std::vector<std::size_t> ridge_of(static_cast<std::size_t>(landmarks), 0);
     if (reach.size() == 0) ridges.emplace_back(x);
@@ -194,7 +194,7 @@ inline std::vector<RigidMotion> align_frames(const std::vector<Columns<double>>&
         for (RigidMotion& m : motion) m = back * m;
     };
     for (int round = 0; round < settings.rounds; ++round) {
-        // Landmarks as they are moved now, 3 x F each, and what is known of them.
+        // Landmarks as moved so far, 3 x F each, and their statistics.
         std::vector<Columns<double>> now(static_cast<std::size_t>(landmarks),
                                          Columns<double>(3, n));
         for (Index f = 0; f < n; ++f) {
@@ -218,8 +218,8 @@ inline std::vector<RigidMotion> align_frames(const std::vector<Columns<double>>&
         for (std::size_t l = 0; l < now.size(); ++l) {
             const Eigen::MatrixXd off = ridges[ridge_of[l]].left_out_residual(by[l]);
             const Columns<double> residual = now[l] * off.transpose(); // 3 x F
-            // What a landmark is off by more than still ones, those that move with it are off by,
-            // too: many of them tell no more than one.
+            // The error of a landmark beyond that of still ones is shared by those that move with
+            // it: many of them tell no more than one.
             const double excess = std::max(0.0, spread[l] * spread[l] - 1.25 * still2);
             VecX<double> weight(n); // in units of still2^-1
             for (Index f = 0; f < n; ++f) {
@@ -271,12 +271,12 @@ inline std::vector<RigidMotion> align_frames(const std::vector<Columns<double>>&
 /// Landmarks of frames without the noise that neighbours do not share.
 struct SmoothedLandmarks {
     std::vector<Columns<double>> frames; ///< 3 x L each
-    double noise = 0;                    ///< deviation of a coordinate that was found
+    double noise = 0;                    ///< estimated standard deviation of a coordinate's noise
 };
 
-/// Takes noise off the landmarks of frames, 3 x L each: what differs from their mean over frames is
-/// filtered over the eigenvectors of the landmarks' neighbourhood, each kept by the share of it
-/// that is above the noise; the roughest quarter of them tells the noise.
+/// Removes noise from the landmarks of frames, 3 x L each: differences from their mean over frames
+/// are filtered over the eigenvectors of the landmarks' neighbourhood, each scaled by its share
+/// above the noise, which is estimated from the roughest quarter of them.
 inline SmoothedLandmarks smoothed_landmarks(const std::vector<Columns<double>>& frames) {
     SmoothedLandmarks s{frames, 0};
     const auto n = static_cast<Index>(frames.size());
@@ -298,11 +298,11 @@ inline SmoothedLandmarks smoothed_landmarks(const std::vector<Columns<double>>& 
         }
     }
     for (Index l = 0; l < landmarks; ++l) laplacian(l, l) = -laplacian.row(l).sum();
-    const Eigen::MatrixXd modes = // the smoothest first
+    const Eigen::MatrixXd modes = // smoothest first
         detail::PositiveModes(laplacian).vectors.rowwise().reverse();
     std::vector<Eigen::MatrixXd> parts; // 3 x L of each frame
     for (const Columns<double>& f : frames) parts.push_back((f - mean) * modes);
-    // Energy of a coordinate of each mode, over frames; the mean over frames has taken a share.
+    // Energy of a coordinate of each mode, over frames, corrected for the subtracted mean.
     const double left = static_cast<double>(n - 1) / static_cast<double>(n);
     VecX<double> energy = VecX<double>::Zero(landmarks);
     for (const Eigen::MatrixXd& p : parts)
@@ -312,7 +312,7 @@ inline SmoothedLandmarks smoothed_landmarks(const std::vector<Columns<double>>& 
                      rough.end());
     const double variance = rough[rough.size() / 2];
     s.noise = std::sqrt(variance);
-    // Of a few modes together, so that chance does not decide about one.
+    // Over a few modes together, so that chance does not decide about one.
     constexpr Index together = 3;
     for (Index m = 0; m < landmarks; m += together) {
         const Index count = std::min(together, landmarks - m);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/landmark_losses.hpp: the terms of stage 1 that need no surface and no picture: where
-/// landmarks and eyeball centres go, and that landmarks lie on the surface.
+/// rye/train/landmark_losses.hpp: terms of stage 1 that need no surface and no picture: positions
+/// of landmarks and eyeball centres, and the landmarks' distance from the surface.
 /// Canonical units. Source: paper eq. (12), L_def, L_lmk and L_eye.
 #pragma once
 
@@ -12,26 +12,26 @@
 
 namespace rye {
 
-/// The terms of the first stage's objective, weighted.
+/// Terms of the first stage's objective, unweighted except for the total.
 template <class T>
 struct MeshLosses {
     T rgb = T(0), silhouette = T(0), deform = T(0), offset = T(0), landmark = T(0);
     T laplacian = T(0), eye_offset = T(0);
     T total = T(0);      ///< weighted
-    Index vertices = 0;  ///< of the surface; 0: no surface, image losses left out
+    Index vertices = 0;  ///< of the surface; 0 for no surface, without image losses
 };
 
-/// The neutral landmarks as the deformations' networks see them: the same in every frame.
+/// Neutral landmarks as inputs of the deformations' networks, which are the same in every frame.
 template <class T, EffectSet E = PaperEffects>
 struct LandmarkPlaces {
     Columns<T> shifted;         ///< after the lattice offset, 3 x L
     Columns<T> code;
-    Columns<T> ones;            ///< influence 1 everywhere
-    [[no_unique_address]] Weights<T, E> weights; ///< of the gaze, where landmarks follow it
+    Columns<T> ones;            ///< influence, 1 everywhere
+    [[no_unique_address]] Weights<T, E> weights; ///< of the gaze, if landmarks follow it
     [[no_unique_address]] WeightsTrace<T, E> nearest;
 };
 
-/// Their deformation in a frame.
+/// Deformation of the landmarks in a frame.
 template <class T, EffectSet E = PaperEffects>
 struct DeformedLandmarks {
     Columns<T> deformed;        ///< 3 x L
@@ -39,7 +39,7 @@ struct DeformedLandmarks {
     [[no_unique_address]] SkinSlot<E, FieldTrace<T>> gaze;
 };
 
-/// The deformation of the neutral landmarks by expression (and by gaze where asked), for L_def.
+/// Deformation of the neutral landmarks by expression (and optionally by gaze), for L_def.
 template <class T, EffectSet E = PaperEffects>
 struct LandmarkTrace : LandmarkPlaces<T, E>, DeformedLandmarks<T, E> {
     [[no_unique_address]] FrameCode<T, E> frame;
@@ -49,20 +49,20 @@ struct LandmarkTrace : LandmarkPlaces<T, E>, DeformedLandmarks<T, E> {
     [[no_unique_address]] Slot<E, EyeOffset, Columns<T>, 1> g_eye_offset;
 };
 
-/// What the landmarks of a stage are compared by. `landmarks_follow_gaze` deforms those of L_def by
-/// the gaze fields too, weighted by lambda_gaze; GHA, which has none, deforms them by expression
-/// alone.
+/// Settings of the landmarks' terms. `landmarks_follow_gaze` also deforms the landmarks of L_def by
+/// the gaze fields, weighted by lambda_gaze; GHA, which has no gaze fields, deforms them by
+/// expression alone.
 struct LandmarkStage {
     const AvatarConfig& config;
     const LandmarkRoles& roles;
     bool landmarks_follow_gaze;
 };
-/// The same with the weights of the terms.
+/// Settings and weights of the landmarks' terms.
 struct WeightedLandmarks : LandmarkStage {
     const MeshLossConfig& weights;
 };
 
-/// Sets the places of the landmarks; `geometry`: the lattice's network there.
+/// Sets the places of the landmarks; `geometry`: trace of the lattice's network there.
 template <class T, EffectSet E, Backend B>
 void place_landmarks(const B& backend, const GuidanceMesh<T, E>& mesh, const LandmarkStage& stage,
                      GeometryTrace<T>& geometry, LandmarkPlaces<T, E>& places) {
@@ -79,7 +79,7 @@ void place_landmarks(const B& backend, const GuidanceMesh<T, E>& mesh, const Lan
                                          stage.roles, places.nearest);
 }
 
-/// Landmarks in a frame, by a face's networks.
+/// Inputs of the deformation of landmarks in a frame by a face's networks.
 template <class T, EffectSet E>
 struct LandmarkDeformation {
     const FaceNetworks<T, E>& networks;
@@ -115,7 +115,7 @@ struct LandmarkGradients {
     Weights<T, E>* weights = nullptr;
 };
 
-/// Pulls the cotangent of the deformed landmarks, 3 x L, back; not to the places themselves.
+/// Propagates the cotangent of the deformed landmarks, 3 x L, back; not to the places themselves.
 template <class T, EffectSet E, Backend B>
 void deform_landmarks_vjp(const B& backend, const LandmarkDeformation<T, E>& at,
                           const DeformedLandmarks<T, E>& m, const Columns<T>& g_deformed,
@@ -137,13 +137,14 @@ void deform_landmarks_vjp(const B& backend, const LandmarkDeformation<T, E>& at,
     });
 }
 
-/// Sets deform, landmark and eye_offset of the losses.
+/// Returns the losses with deform, landmark and eye_offset set.
 template <class T, EffectSet E, Backend B>
 MeshLosses<T> landmark_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
                               const WeightedLandmarks& stage, const MeshSample<T, E>& sample,
                               LandmarkTrace<T, E>& m) {
     const MeshLossConfig& weights = stage.weights;
-    const FrameCode<T, E>& code = m.frame = frame_code(stage.config, sample.drivers);
+    const FrameCode<T, E>& code = m.frame =
+        frame_code(stage.config, OpticalDrivers<T, E>(sample.drivers));
     MeshLosses<T> l;
     place_landmarks<T, E>(backend, mesh, stage, m.geometry, m);
     deform_landmarks<T, E>(backend, {mesh.networks, stage, m, code}, m);

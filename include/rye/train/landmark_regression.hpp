@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/landmark_regression.hpp: the displacements of landmarks as a linear function of
-/// expression and gaze, each landmark moved by few of the coefficients. Blendshapes are linear, and
-/// local: thirty frames are fewer than the coefficients, but what moves one landmark is few of
-/// them. The regression then holds for expressions that no frame has, and for eyes that look
-/// different ways, where a network fitted to the frames alone does not. Not in the paper:
-/// docs/deviations.md. Canonical units. Source: ridge regression with a prior variance for each
-/// coefficient that is estimated from its last value (iteratively reweighted least squares; FOCUSS,
-/// Gorodnitsky and Rao, 1997), so that small coefficients vanish.
+/// rye/train/landmark_regression.hpp: displacements of landmarks as a linear function of expression
+/// and gaze, with few coefficients per landmark. Blendshapes are linear and local: there are more
+/// coefficients than, say, thirty frames, but few of them move one landmark. The regression then
+/// holds for expressions that no frame has, and for eyes that look in different directions, unlike
+/// a network fitted to the frames alone. Not in the paper: docs/deviations.md. Canonical units.
+/// Source: ridge regression with a prior variance for each coefficient that is estimated from its
+/// last value (iteratively reweighted least squares; FOCUSS, Gorodnitsky and Rao, 1997), so that
+/// small coefficients vanish.
 #pragma once
 
 #include <algorithm>
@@ -25,19 +25,19 @@ namespace rye {
 struct RegressionConfig {
     int iterations = 6;
     double ridge = 1e-3;    ///< of the squared residual, relative to a coefficient of variance 1
-    double smallest = 3e-3; ///< displacement by a coefficient that counts as none [unit]
+    double smallest = 3e-3; ///< displacement by a coefficient that counts as 0 [unit]
     /// E x L in (0, 1]: how far a coefficient of the expression may move a landmark, relative to
-    /// the others (a brow's hardly moves a lip). Empty: all alike.
+    /// the others (a brow's hardly moves a lip). Empty: all 1.
     Columns<double> expression_reach = {};
-    /// E x 3 L, displacement (e, 3 l + axis) by a coefficient of 1 as a face model has it [unit];
-    /// the regression is of what these leave. Empty: unknown.
+    /// E x 3 L, displacement (e, 3 l + axis) by a coefficient of 1 in a face model [unit]; the
+    /// regression fits the remainder. Empty: unknown.
     Columns<double> expression_shapes = {};
 };
 
 namespace detail {
 
-/// Solves (A) x = b for a symmetric positive definite A, n x n, and three columns of b, in place.
-/// Plain loops: the same bits whatever the width of vectors.
+/// Solves A x = b in place for a symmetric positive definite A, n x n, and three columns of b.
+/// Plain loops: the same bits for any width of vectors.
 template <class A, class B>
 void solve_positive(A& a, B& b) {
     const Index n = a.rows();
@@ -63,7 +63,7 @@ void solve_positive(A& a, B& b) {
     }
 }
 
-/// Throws Error for priors that do not fit E coefficients and L landmarks.
+/// Throws an Error for priors that do not fit E coefficients and L landmarks.
 inline void require_prior(const RegressionConfig& config, Index expression, Index landmarks) {
     const auto require_rows = [&](const char* name, const Columns<double>& a, Index columns,
                                   bool good, const char* what) {
@@ -80,8 +80,8 @@ inline void require_prior(const RegressionConfig& config, Index expression, Inde
 
 } // namespace detail
 
-/// The regressors of a frame: 1, the expression, and (pitch, yaw) [rad] of each eye that the skin
-/// follows.
+/// Returns the regressors of a frame: 1, the expression, and (pitch, yaw) [rad] of each eye that
+/// the skin follows.
 template <class T, EffectSet E>
 std::vector<double> landmark_regressors(const Drivers<T, E>& drivers) {
     std::vector<double> x{1};
@@ -100,10 +100,10 @@ std::vector<double> landmark_regressors(const Drivers<T, E>& drivers) {
 /// Displacement of L landmarks: displacement(l, axis) = sum over k of coefficient(k, 3 l + axis)
 /// x_k.
 struct LandmarkRegression {
-    Columns<double> coefficient; ///< K x 3 L [unit a unit of a regressor]
-    bool knows_shapes = false;   ///< of every coefficient of the expression, by a face model
+    Columns<double> coefficient; ///< K x 3 L [unit per unit of a regressor]
+    bool knows_shapes = false;   ///< true if a face model gives a shape for every coefficient
 
-    /// 3 x L. x: K regressors.
+    /// Returns the displacement, 3 x L, by K regressors x.
     template <class T>
     Columns<T> displacement(const std::vector<double>& x) const {
         Columns<T> d(3, coefficient.cols() / 3);
@@ -117,10 +117,10 @@ struct LandmarkRegression {
     }
 };
 
-/// Fits the displacements of `frames` from the neutral landmarks, 3 x L. Gaze moves a landmark as
-/// far as its influence there reaches: eyes that look the same way in all frames do not say which
-/// of them a lid follows. Throws Error for frames whose landmarks are another number, and for an
-/// expression_reach or expression_shapes of another shape, or values they must not have.
+/// Fits the displacements of `frames` from the neutral landmarks, 3 x L. The prior of gaze at a
+/// landmark follows its influence there: eyes that look the same way in all frames do not tell
+/// which of them a lid follows. Throws an Error for frames with another number of landmarks, and
+/// for an expression_reach or expression_shapes of another shape or with invalid values.
 template <class T, EffectSet E, Backend B>
 LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>& neutral,
                                        const LandmarkRoles& roles,
@@ -211,11 +211,11 @@ LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>
     return r;
 }
 
-/// A frame that none of `frames` shows, with the landmarks of the regression: each coefficient of
-/// the expression is that of one of two frames, or 0; where its shape is known one in four is any
-/// coefficient of any frame, so that those that no frame has are not left out. Each eye looks as in
-/// a frame of its own, up to 1.3 times as far aside. Poses are those of the first. `random`: of
-/// this frame alone.
+/// Returns a frame that `frames` do not show, with the landmarks of the regression: each
+/// coefficient of the expression is that of one of two frames, or 0; if its shape is known, one in
+/// four is any coefficient of any frame, so that coefficients that no frame has occur too. Each eye
+/// looks as in a frame of its own, up to 1.3 times as far aside. Poses are those of the first
+/// frame. `random`: for this frame alone.
 template <class T, EffectSet E>
 MeshSample<T, E> mixed_frame(const std::vector<MeshSample<T, E>>& frames,
                              const LandmarkRegression& regression, const Columns<T>& neutral,

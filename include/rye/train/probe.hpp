@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/probe.hpp: where a step's time goes. A step calls its probe at the end of each part;
+/// rye/train/probe.hpp: timing of a training step. A step calls its probe at the end of each part;
 /// the default does nothing and costs nothing.
 #pragma once
 
@@ -11,15 +11,15 @@
 
 namespace rye {
 
-/// A probe that measures nothing, at no cost.
+/// Probe that measures nothing, at no cost.
 struct NoProbe {
     void operator()(const char*) const {}
 };
 
-/// Sums wall time by part. Keep one for many steps; call start() before each.
+/// Probe that sums wall time by part. Keep one for many steps; call start() before each.
 class TimeProbe {
   public:
-    /// Time spent in a part, and how often.
+    /// Time spent in a part, and number of calls.
     struct Part {
         double seconds = 0;
         Index calls = 0;

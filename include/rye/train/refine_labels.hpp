@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/refine_labels.hpp: the labels of a frame (gazes, head pose, expression) by its
-/// photographs, with a trained avatar that stays as it is: Gauss-Newton steps with Levenberg's
-/// damping, the pictures' derivatives by forward mode of the rasterizer.
+/// rye/train/refine_labels.hpp: refinement of a frame's labels (gazes, head pose, expression) by
+/// its photographs, with a trained avatar that is not changed: Gauss-Newton steps with Levenberg's
+/// damping; the pictures' derivatives by forward mode of the rasterizer.
 ///     LabelRefiner refiner(backend, avatar, config, roles, unknowns);
 ///     const RefinedLabels found = refiner.refine(drivers, views);
 ///     moved_drivers(drivers, unknowns, found.change)
-/// Unknowns are counted in units of their priors: 1 is one sigma from the label, whose cost is 1.
-/// The cost of the pixels is Huber's, over the residuals' variance, which each round estimates
-/// anew by their median.
-/// Derivatives of the driven Gaussians are central differences of DriveCache, which computes again
-/// only what a driver moves; those of pictures are exact.
+/// Unknowns are in units of their priors: 1 is one sigma from the label and costs 1. The cost of
+/// the pixels is Huber's, over the residuals' variance, which each round estimates anew from their
+/// median.
+/// Derivatives of the driven Gaussians are central differences by DriveCache, which recomputes only
+/// what a driver moves; those of pictures are exact.
 #pragma once
 
 #include <algorithm>
@@ -32,23 +32,24 @@ concept RefinedEffects =
     KeptFromFrameToFrame<E> && eye_turns<E, 0> && eye_turns<E, 1> && has_effect<E, HeadPose> &&
     has_effect<E, ReadsHeadPose> && has_effect<E, ReadsExpression>;
 
-/// What is refined of a frame, and how far from its label it is thought to be.
+/// Unknowns of a frame and the standard deviations of their priors.
 struct LabelUnknowns {
     bool gaze = true;              ///< pitch and yaw of both eyes, 4 unknowns
     bool pose = true;              ///< axis-angle and translation, 6 unknowns
-    std::vector<Index> expression; ///< coefficients that are refined, ascending
-    double gaze_sigma = 0.07;      ///< of an angle of a gaze [rad]
-    double rotation_sigma = 0.0175; ///< of an entry of the axis-angle [rad]
-    double translation_sigma = 0.02; ///< of a coordinate [world unit]
-    double expression_sigma = 0.1; ///< of a coefficient
+    std::vector<Index> expression; ///< refined coefficients, ascending
+    double gaze_sigma = 0.07;      ///< angle of a gaze [rad]
+    double rotation_sigma = 0.0175; ///< entry of the axis-angle [rad]
+    double translation_sigma = 0.02; ///< coordinate of the translation [world unit]
+    double expression_sigma = 0.1; ///< coefficient of the expression
 
     Index gaze_count() const { return gaze ? 4 : 0; }
     Index pose_count() const { return pose ? 6 : 0; }
-    /// All of them, n: the gazes' (left pitch, yaw, right pitch, yaw) first, then the pose's.
+    /// Returns the number of unknowns, n: the gazes' (left pitch, yaw, right pitch, yaw), the
+    /// pose's, the expression's.
     Index count() const {
         return gaze_count() + pose_count() + static_cast<Index>(expression.size());
     }
-    /// Their sigmas, n.
+    /// Returns the standard deviations of the unknowns, n.
     VecX<double> sigma() const {
         VecX<double> s(count());
         s.head(gaze_count()).setConstant(gaze_sigma);
@@ -61,14 +62,14 @@ struct LabelUnknowns {
     }
 };
 
-/// The direction with these changes of its pitch and yaw [rad].
+/// Returns the direction after changes of its pitch and yaw [rad].
 template <Scalar T>
 Vec3<T> moved_gaze(const Vec3<T>& gaze, const T& pitch, const T& yaw) {
     const Vec2<T> angles = pitch_yaw(gaze);
     return gaze_vector<T>(angles[0] + pitch, angles[1] + yaw);
 }
 
-/// The drivers with these changes, n, in the order of LabelUnknowns.
+/// Returns the drivers after changes, n, in the order of LabelUnknowns.
 template <class T, EffectSet E, class Change>
 Drivers<T, E> moved_drivers(const Drivers<T, E>& label, const LabelUnknowns& u,
                             const Eigen::MatrixBase<Change>& change) {
@@ -84,7 +85,7 @@ Drivers<T, E> moved_drivers(const Drivers<T, E>& label, const LabelUnknowns& u,
     return d;
 }
 
-/// A photograph of the frame: colours on the background, and which pixels count.
+/// Photograph of a frame: colours on the background, and weights of pixels.
 template <class T>
 struct LabelView {
     Pinhole<T> camera;
@@ -93,32 +94,32 @@ struct LabelView {
     Vec3<T> background{T(1), T(1), T(1)};
 };
 
-/// How the labels of a frame are refined.
+/// Settings of LabelRefiner.
 struct RefineSettings {
     LevenbergSettings levenberg = {};
-    int rounds = 2;            ///< each with a variance of its own
-    double huber = 1.5;        ///< residual from which its cost is linear [standard deviations]
-    double alike = 12;         ///< residuals that err together, and so tell as much as one
-    double least_noise = 0.002; ///< least standard deviation of a residual [colour]
-    double difference = 0.1;   ///< of the central differences [sigma]
+    int rounds = 2;            ///< each with its own estimate of the variance
+    double huber = 1.5;        ///< residual beyond which its cost is linear [standard deviations]
+    double alike = 12;         ///< number of residuals that err together, and so count as one
+    double least_noise = 0.002; ///< smallest standard deviation of a residual [colour]
+    double difference = 0.1;   ///< step of the central differences [sigma]
 };
 
-/// The labels that a frame's photographs ask for.
+/// Result of a refinement.
 struct RefinedLabels {
     VecX<double> change;  ///< of the labels, n, in the order and units of LabelUnknowns
     VecX<double> sigma;   ///< standard deviations, n, from (J^T J + priors)^-1
     double first_cost = 0, cost = 0; ///< at the label and at the end, both by the last variance
-    double first_residual = 0, residual = 0; ///< root mean squares [colour]
-    double noise = 0;     ///< standard deviation of a residual, by the median [colour]
+    double first_residual = 0, residual = 0; ///< RMS at the label, at the end [colour]
+    double noise = 0;     ///< standard deviation of a residual, from the median [colour]
     int steps = 0, refused = 0;
-    bool settled = false; ///< further steps would change little
+    bool settled = false; ///< true if further steps would change little
 };
 
-/// Refines the labels of frames of one avatar, which must stay as it is.
+/// Refinement of the labels of frames of one avatar, which must not change.
 template <Backend B, Real T, RefinedEffects E, AccuracyPolicy A = FeaturesOnly<Balanced>>
 class LabelRefiner {
   public:
-    /// The avatar, its configuration and roles must outlive the refiner.
+    /// Keeps references: the avatar, its configuration and roles must outlive the refiner.
     LabelRefiner(const B& backend, const TwoStream<T, E>& avatar,
                  std::reference_wrapper<const AvatarConfig> config,
                  std::reference_wrapper<const LandmarkRoles> roles, LabelUnknowns unknowns,
@@ -138,7 +139,7 @@ class LabelRefiner {
                 "got a prior's sigma that is not positive");
     }
 
-    /// Refines the labels of a frame. Throws Error if no pixel counts or the avatar at its label
+    /// Refines the labels of a frame. Throws an Error if no pixel counts or the avatar at its label
     /// is not finite.
     RefinedLabels refine(const Drivers<T, E>& label, const std::vector<LabelView<T>>& views) {
         const std::vector<std::vector<Index>> used = used_pixels(views);
@@ -170,8 +171,8 @@ class LabelRefiner {
         return r;
     }
 
-    /// The derivatives of a view's colours by the unknowns: of each pixel that `pixels` names its
-    /// three channels, a row each, and a column an unknown [colour per sigma of its prior].
+    /// Returns the derivatives of a view's colours with respect to the unknowns: three rows
+    /// (channels) for each pixel in `pixels`, a column per unknown [colour per sigma of its prior].
     Columns<T> jacobian(const Drivers<T, E>& label, const LabelView<T>& view,
                         const std::vector<Index>& pixels, const VecX<double>& x) {
         const std::vector<Gaussians<T>> tangents = tangents_at(label, x);
@@ -182,7 +183,7 @@ class LabelRefiner {
     const LabelUnknowns& unknowns() const { return unknowns_; }
 
   private:
-    /// The part of the Gaussians that colours are drawn from.
+    /// Returns the Gaussians with their first three features.
     static Gaussians<T> colours(const Gaussians<T>& g) {
         Gaussians<T> c;
         c.mean = g.mean;
@@ -200,7 +201,7 @@ class LabelRefiner {
         return cache_.update(drivers_at(label, x));
     }
 
-    /// Derivatives of the driven Gaussians by each unknown.
+    /// Returns the derivatives of the driven Gaussians with respect to each unknown.
     std::vector<Gaussians<T>> tangents_at(const Drivers<T, E>& label, const VecX<double>& x) {
         std::vector<Gaussians<T>> tangents;
         const double h = settings_.difference;
@@ -252,7 +253,7 @@ class LabelRefiner {
         return used;
     }
 
-    /// Render less photograph, 3 x used pixels a view.
+    /// Returns render minus photograph, 3 x used pixels per view.
     std::vector<Columns<T>> residuals_at(const Drivers<T, E>& label,
                                          const std::vector<LabelView<T>>& views,
                                          const std::vector<std::vector<Index>>& used,
@@ -263,7 +264,7 @@ class LabelRefiner {
             residuals.push_back(residual_of(g, views[v], used[v]));
         return residuals;
     }
-    /// The same of one view; NaN where Gaussians are not finite, which would draw nothing.
+    /// Returns the residual of one view; NaN if Gaussians are not finite, which would draw nothing.
     Columns<T> residual_of(const Gaussians<T>& g, const LabelView<T>& view,
                            const std::vector<Index>& pixels) {
         rasterizer_.forward_into(backend_, g, view.camera, VecX<T>(view.background), raster_,
@@ -291,7 +292,8 @@ class LabelRefiner {
         return std::sqrt(sum / weights);
     }
 
-    /// 1.4826 times the median of the residuals' sizes: the standard deviation of normal ones.
+    /// Returns 1.4826 times the median of the absolute residuals: the standard deviation of normal
+    /// ones.
     double estimated_noise(const std::vector<Columns<T>>& residuals) const {
         std::vector<T> sizes;
         for (const Columns<T>& r : residuals)
@@ -301,12 +303,12 @@ class LabelRefiner {
         return std::max(settings_.least_noise, 1.4826 * static_cast<double>(*middle));
     }
 
-    /// Huber's cost of a residual, in units of the noise.
+    /// Returns Huber's cost of a residual, in units of the noise.
     double huber_cost(double r) const {
         const double size = std::abs(r), d = settings_.huber;
         return size <= d ? r * r : d * (2 * size - d);
     }
-    /// The weight of its square in the normal equations.
+    /// Returns the weight of a residual's square in the normal equations.
     double huber_weight(double r) const {
         const double size = std::abs(r);
         return size <= settings_.huber ? 1 : settings_.huber / size;
@@ -341,7 +343,7 @@ class LabelRefiner {
         const std::vector<Gaussians<T>> tangents = tangents_at(label, x);
         const Gaussians<T> g = colours(drive(label, x));
         const Index n = x.size();
-        // Matrix, gradient and cost side by side, of the priors first.
+        // Matrix, gradient and cost side by side, starting with those of the priors.
         Columns<double> sums = Columns<double>::Zero(n + 1, n + 1);
         sums.topLeftCorner(n, n).setIdentity();
         sums.row(n).head(n) = x.transpose();
@@ -387,7 +389,7 @@ class LabelRefiner {
     LabelUnknowns unknowns_;
     RefineSettings settings_;
     Rasterizer<A> rasterizer_;
-    VecX<double> sigma_;   ///< of the priors, n
+    VecX<double> sigma_;   ///< standard deviations of the priors, n
     double noise_ = 1;     ///< standard deviation of a residual [colour]
     RasterJvp<T, A::outputs> drawn_;
     Raster<T, A::outputs> raster_;

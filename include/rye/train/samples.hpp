@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/samples.hpp: what one step of each stage is shown. Images are sRGB in [0, 1].
+/// rye/train/samples.hpp: inputs of one step of each stage. Images are sRGB in [0, 1].
 #pragma once
 
 #include <vector>
@@ -10,13 +10,13 @@
 
 namespace rye {
 
-/// A photograph of the first stage, with its masks and camera.
+/// Photograph of the first stage, with its masks and camera.
 template <class T>
 struct MeshView {
     Pinhole<real_t<T>> camera;
     Image<T> truth;      ///< RGB over black
     Columns<T> mask;     ///< 1 x pixels, the subject
-    Columns<T> visible;  ///< 1 x pixels, 0 where the picture was padded
+    Columns<T> visible;  ///< 1 x pixels, 0 for padding
 };
 
 /// One frame and some of its views.
@@ -28,23 +28,24 @@ struct MeshSample {
     std::vector<MeshView<T>> views;
 };
 
-/// Pictures of one frame by one camera, and what of them counts. "Small" is the size of the feature
+/// Pictures of one frame from one camera, and their masks. "Small" is the size of the feature
 /// render.
 template <class T>
 struct AvatarImages {
-    Index frame = 0;              ///< column of delta_pose; -1: none
+    Index frame = 0;              ///< column of delta_pose; -1 for none
     Pinhole<T> camera;            ///< of the small image
     Image<T> truth, truth_small;  ///< RGB on the final background
-    Columns<T> visible, visible_small;  ///< 1 x pixels, 0 where the picture was padded
+    Columns<T> visible, visible_small;  ///< 1 x pixels, 0 for padding
     Columns<T> eyes, eyes_small;        ///< 1 x pixels, M_e of both eyes
     Columns<T> mask_small;              ///< 1 x pixels, the subject
-    bool eyes_high = true;              ///< whether this step takes the high-resolution eye term
+    bool eyes_high = true;              ///< true if this step takes the high-resolution eye term
     Augmentation scale;           ///< random scale of the final image's super-resolution
     VecX<T> background;           ///< of the final render and the eyes alone, one per channel
-    VecX<T> blank;                ///< c of the face alone
+    VecX<T> blank;                ///< background c of the face alone
 };
 
-/// A picture of the size of the render, all of whose pixels count, for the eyes too.
+/// Returns the images of a picture of the size of the render, all of whose pixels count, also for
+/// the eyes.
 template <class T>
 AvatarImages<T> whole_picture(const Image<T>& truth, const Pinhole<T>& camera,
                               const VecX<T>& background) {
@@ -58,10 +59,10 @@ AvatarImages<T> whole_picture(const Image<T>& truth, const Pinhole<T>& camera,
     return s;
 }
 
-/// One frame seen by one camera.
+/// One frame seen from one camera.
 template <class T, EffectSet E = PaperEffects>
 struct AvatarSample : AvatarImages<T> {
-    [[no_unique_address]] Drivers<T, E> drivers; ///< tracked; the frame's delta pose is added to it
+    [[no_unique_address]] Drivers<T, E> drivers; ///< as tracked; the frame's delta pose is added
 };
 
 } // namespace rye

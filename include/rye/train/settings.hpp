@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/settings.hpp: weights of the losses and learning rates of both stages, and when the
-/// face gets other Gaussians. Every default is the paper's (sections 4.1, 4.2) or, where it is
-/// silent, GHA's; see docs/deviations.md.
+/// rye/train/settings.hpp: weights of the losses and learning rates of both stages, and settings of
+/// density control. Every default is the paper's (sections 4.1, 4.2) or, if the paper gives none,
+/// GHA's; see docs/deviations.md.
 #pragma once
 
 #include <string>
 
 namespace rye {
 
-/// Stage 1, eq. (12).
+/// Weights of stage 1, eq. (12).
 struct MeshLossConfig {
     double rgb = 0.1;
     double silhouette = 0.1;
@@ -19,7 +19,7 @@ struct MeshLossConfig {
     double eye_offset = 0.1;
 };
 
-/// Learning rates of the first stage, by a parameter's name.
+/// Learning rates of the first stage, by parameter name.
 struct MeshRates {
     double networks = 1e-3;
     double landmarks = 1e-4;
@@ -29,8 +29,8 @@ struct MeshRates {
     }
 };
 
-/// How the eye terms are averaged: over the whole image, as GHA's L1, or over the pixels of the eye
-/// mask, which does not fade as eyes get smaller in the picture.
+/// Average of the eye terms: over the whole image, as GHA's L1, or over the pixels of the eye mask,
+/// which does not fade as eyes get smaller in the picture.
 enum class EyeAverage { image, mask };
 
 /// Weights of the terms of the second stage's objective.
@@ -45,20 +45,20 @@ struct AvatarLossConfig {
     /// The face alone must show the picture outside the eyes (over the blank's background), so that
     /// eyeballs do not learn to paint skin. Not in the paper; see docs/deviations.md.
     double face_alone = 0.0;
-    /// The blank's render holds the eyeballs too, painted with its background, not trained by it:
-    /// what counts is what the face paints before them, not the back of the head behind them. Its
-    /// loss then covers the eyeballs' discs, and asks for the picture where no eye is seen. Not in
-    /// the paper; see docs/deviations.md.
+    /// The blank's render also holds the eyeballs, painted with its background and not trained by
+    /// it: then the face in front of them counts, not the back of the head behind them. Its loss
+    /// covers the eyeballs' discs, and asks for the picture where no eye is seen. Not in the paper;
+    /// see docs/deviations.md.
     bool blank_eyeballs = false;
     /// Colour, shape and opacity of the eyeballs learn from the two eye terms alone, which see
-    /// visible eyes only. From the joint picture they also learn lids: skin and lashes painted on
-    /// the eyeball, which another gaze then turns into the opening. Not in the paper; see
+    /// visible eyes only. From the joint picture they would also learn lids: skin and lashes
+    /// painted on the eyeball, which another gaze turns into the opening. Not in the paper; see
     /// docs/deviations.md.
     bool eyes_from_eye_terms = false;
-    /// Neighbours on an eyeball should have like colours (loss/smoothness.hpp); not the paper's.
+    /// Weight of the smoothness of colours on an eyeball (loss/smoothness.hpp). Not in the paper.
     double eye_smooth = 0;
-    /// The high-resolution eye term costs a second super-resolution; in every n-th step it is taken
-    /// n times as heavy.
+    /// Steps per high-resolution eye term, which costs a second super-resolution and counts this
+    /// many times.
     int eye_high_every = 1;
     EyeAverage eye_average = EyeAverage::image;
 };
@@ -68,11 +68,11 @@ struct AvatarRates {
     double upsampler = 1e-4, networks = 1e-4, opacity = 1e-4, scale = 3e-5;
     double position = 1e-5, feature = 1e-5, rotation = 1e-5, delta_pose = 1e-5;
     double eye_feature = 1e-4;  ///< free colours or latents of the eyeballs; GHA has none
-    double eye_offset = 1e-4;   ///< 0 keeps the eyeball centres that stage 1 has learned
-    double kappa = 1e-4;        ///< of avatars with Kappa; 0 keeps the angles as they are [rad]
-    double delta_gaze = 0;      ///< of each frame's gaze angles, where an avatar has them [rad]
-    double shading = 1e-3;      ///< of avatars with HeadShading: light and normals
-    double deform = 1e-4;       ///< the face's networks of displacements
+    double eye_offset = 1e-4;   ///< 0 keeps the eyeball centres learned in stage 1
+    double kappa = 1e-4;        ///< for avatars with Kappa; 0 keeps the angles [rad]
+    double delta_gaze = 0;      ///< of each frame's gaze angles, if an avatar has them [rad]
+    double shading = 1e-3;      ///< for avatars with HeadShading: light and normals
+    double deform = 1e-4;       ///< displacement networks of the face
 
     double operator()(const std::string& name) const {
         if (name.starts_with("upsampler.")) return upsampler;
@@ -93,16 +93,16 @@ struct AvatarRates {
     }
 };
 
-/// Splitting and pruning of the face's Gaussians during stage 2 (train/density.hpp): after the
+/// Splitting and pruning of the face's Gaussians during stage 2 (train/density.hpp): after those
 /// steps from `first` to `last` that `every` divides. Not in the paper; see docs/deviations.md.
 struct DensityConfig {
-    int every = 0;                 ///< steps between two changes; 0: none
+    int every = 0;                 ///< steps between two changes; 0 for none
     int first = 500, last = 1'000'000; ///< [steps]
-    double grow = 0.05;            ///< share of the face's Gaussians that split at once, at most
-    int most = 100'000;            ///< none splits that would make more of the face
-    double prune = 0.005;          ///< opacity at rest below which one goes; 0: none goes
-    /// Factor of the criterion at a landmark of eyes and lips, which falls to 1 at `reach` from it,
-    /// canonical units.
+    double grow = 0.05;            ///< largest share of the face's Gaussians that split at once
+    int most = 100'000;            ///< largest number of the face's Gaussians after splits
+    double prune = 0.005;          ///< opacity at rest below which one is removed; 0 for none
+    /// Factor of the criterion at an eye or lip landmark, and the distance at which it has fallen
+    /// to 1 [canonical unit].
     double prefer = 3, reach = 0.3;
 };
 

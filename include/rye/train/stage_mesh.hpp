@@ -14,7 +14,7 @@
 
 namespace rye {
 
-/// What mesh_losses_vjp needs of the losses of a step.
+/// Intermediate results of mesh_losses for mesh_losses_vjp.
 template <class T, EffectSet E = PaperEffects>
 struct MeshTrace {
     NeutralSurface<T> neutral;
@@ -23,20 +23,20 @@ struct MeshTrace {
     std::vector<MeshRaster<T>> rasters;
     std::vector<Pinhole<real_t<T>>> cameras; ///< of the rasters
 
-    // Weighted cotangents of what the losses read.
+    // Weighted cotangents of the losses' inputs.
     std::vector<Columns<T>> g_image, g_silhouette;
     Columns<T> g_world;
     [[no_unique_address]] DeformCotangents<T, E> g_raw;
 };
 
-/// What a step of stage 1 is made by; the probe is called at the end of each part.
+/// Settings of a step of stage 1; the probe is called at the end of each part.
 template <class T, class Probe = NoProbe>
 struct MeshStage : WeightedLandmarks {
     const TetGrid<T>& grid;
     Probe probe = {};
 };
 
-/// Renders and compares.
+/// Renders the views; returns the losses.
 template <class T, EffectSet E, class Probe, Backend B>
 MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
                           const MeshStage<T, Probe>& stage, const MeshSample<T, E>& sample,
@@ -55,7 +55,7 @@ MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
         l.vertices = t.neutral.surface.positions.cols();
         pose_mesh(backend, mesh, {config, stage.roles, sample.drivers}, t.neutral, t.posed);
         probe("networks");
-        const Columns<T> shown = t.posed.color.topRows(3);  // the other channels have no loss here
+        const Columns<T> shown = t.posed.color.topRows(3);  // the other channels have no loss
         const T share = T(1.0 / static_cast<double>(sample.views.size()));
         for (const MeshView<T>& view : sample.views) {
             t.rasters.push_back(rasterize_mesh<T>(

@@ -210,7 +210,7 @@ class DeviceAvatarDrawer {
 
     static std::size_t bytes_of(Index n) { return static_cast<std::size_t>(n) * sizeof(float); }
 
-    /// What `draw` puts on the stream, with room.
+    /// Enqueues the work of `draw`, with enough memory.
     template <class Draw>
     void drawn_whole(const CudaQueue& queue, const Draw& draw) {
         require(placed_, "DeviceAvatarDrawer", "nothing was driven before the picture");

@@ -86,7 +86,7 @@ class DeviceGazeMechanism<FixedEye, Device> {
     std::size_t bytes() const { return 0; }
 };
 
-/// Whether an appearance gives the cotangents of its inputs: EyeInputsCotangent.
+/// True if an appearance gives the cotangents of its inputs: EyeInputsCotangent.
 template <EyeAppearance A, class P = typename A::template Parameters<float>>
 inline constexpr bool gives_cotangents = !std::is_void_v<decltype(A::features_vjp(
     0, std::declval<const P&>(), std::declval<const EyeInputs<float>&>(),

@@ -15,18 +15,18 @@ struct DeviceEyeOffset {
     float scale;         ///< AvatarConfig::deform_scale
 };
 
-/// Whether kappa follows from optical axes as parts of the eyes read them.
+/// True if parts of the eyes read optical axes and give their cotangents, which lead to kappa.
 template <EffectSet E>
 inline constexpr bool axes_are_trained = has_effect<E, Kappa> &&
                                          (own_turn<E> || gives_cotangents<EyeAppearanceOf<E>>);
-/// Whether the head pose's correction follows from what the eyes' features read.
+/// True if the eyes' features read the head pose and give its cotangent.
 template <EffectSet E>
 inline constexpr bool eyes_train_pose = eyes_read_pose<E>&& gives_cotangents<EyeAppearanceOf<E>>;
 
 struct NoOwnTurn {};
 struct NoTrainedAxes {};
 
-/// Where both eyes lie: neutral centres, their offset, the turn to their gaze, the head's motion.
+/// Sets both eyes' transforms: neutral centres, offset, turn to the gaze, the head's motion.
 template <EffectSet E>
 struct PlaceEyesKernel {
     static constexpr const char* name = "eyes' transforms";
@@ -35,7 +35,7 @@ struct PlaceEyesKernel {
     const float* centre; ///< 3 x 2
     DeviceEyeOffset offset;
     DeviceFrameState* frame;
-    /// Of the mechanism, 4 x 2, or null: DeviceGazeMechanism::turns.
+    /// Turns by the mechanism, 4 x 2, or null: DeviceGazeMechanism::turns.
     [[no_unique_address]] PresentIf<own_turn<E>, NoOwnTurn, const float*> turns = {};
 
     template <class Block>
@@ -78,6 +78,20 @@ struct PlaceEyesKernel {
     }
 };
 
+/// Sets all of Gaussian i of both eyes but its feature.
+template <EffectSet E>
+struct DriveBothEyes {
+    static constexpr const char* name = "eyes";
+    DriveEyePoint<float, E> point; ///< of the left eye, whose points and transform come first
+    Index left;                    ///< number of its points
+
+    RYE_DEVICE void operator()(Index i) const {
+        DriveEyePoint<float, E> own = point;
+        if (i >= left) ++own.place.eye;
+        own(i);
+    }
+};
+
 /// Cotangents of the offset network's outputs, from the eyes' sums.
 template <EffectSet E>
 struct EyeOffsetVjp {
@@ -93,7 +107,7 @@ struct EyeOffsetVjp {
     }
 };
 
-/// Where gradients of angles of the eyes go.
+/// Destinations of the gradients of the eyes' angles.
 struct DeviceAngleGradients {
     float* kappa;      ///< 2 x 2, added to
     float* delta_gaze; ///< 4 x frames, whose column of the frame is added to, or null
@@ -113,7 +127,7 @@ struct KappaVjpKernel {
     int gaze_frequencies;
     DeviceAngleGradients gradient;
     Index column; ///< place of the frame's column of delta_gaze among the drivers
-    /// Of the optical axes as parts of the eyes read them, 3 x 2.
+    /// Cotangents of the optical axes as parts of the eyes read them, 3 x 2.
     [[no_unique_address]] PresentIf<axes_are_trained<E>, NoTrainedAxes, const float*> g_axis = {};
 
     template <class Block>

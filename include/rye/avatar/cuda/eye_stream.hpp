@@ -108,9 +108,9 @@ class DeviceEyeStream {
         device_.launch(queue, 1, place);
         launch_each(
             device_, queue, count(),
-            DriveEyePoint<float, E>{
-                {arrays_at(of), position_.data(), host_->points_of(0), to, &frame->eye[0]},
-                &frame->head});
+            DriveBothEyes<E>{
+                {{arrays_at(of), position_.data(), to, &frame->eye[0]}, &frame->head},
+                host_->points_of(0)});
         appearance_.features_into(queue, of, frame_, to.feature, keep);
     }
 

@@ -30,7 +30,7 @@ class DeviceFaceRest {
         return place(PoseField{}) + (has_effect<E, PoseResidual> ? 1 : 0) +
                (eye == 1 && skin_follows<E, 0> ? 1 : 0);
     }
-    /// How many are on, and how many of them are gazes.
+    /// Number of those that are on, and of gazes among them.
     static constexpr int drivers = place(GazeField<1>{}) + (skin_follows<E, 1> ? 1 : 0);
     static constexpr std::size_t gazes =
         (skin_follows<E, 0> ? 1 : 0) + (skin_follows<E, 1> ? 1 : 0);

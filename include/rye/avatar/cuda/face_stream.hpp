@@ -210,7 +210,7 @@ class DeviceFaceStream {
         });
         return sum;
     }
-    /// Where the cotangent of a driver's code goes, if it leads to something that is trained.
+    /// Returns the destination of the cotangent of a driver's code; null if it trains nothing.
     template <class By>
     float* g_code_of(const DeviceFaceFrame& frame, By by) const {
         constexpr bool trained =

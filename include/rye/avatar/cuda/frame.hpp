@@ -17,7 +17,7 @@
 
 namespace rye {
 
-/// Whether frames have corrections: of their poses, of their gazes.
+/// True if frames have corrections of their poses or gazes.
 template <EffectSet E>
 inline constexpr bool frames_have_corrections =
     has_effect<E, ReadsHeadPose> || has_effect<E, Kappa>;
@@ -110,7 +110,7 @@ struct CodePlaces {
     }
 };
 
-/// What follows from a frame's drivers, in device memory.
+/// State of a frame that follows from its drivers, in device memory.
 struct DeviceFrameState {
     HeadTransform<float> head;
     EyeTransform<float> eye[2]; ///< to the world

@@ -102,9 +102,9 @@ class DeviceTwoStream {
     /// The host's avatar that the device's was made of: its shapes, and the addresses by which
     /// `parameters` finds arrays; its numbers are old after a step.
     const Host& shapes() const { return host_; }
-    /// What drives it, packed as drivers() holds it.
+    /// Returns the places of the drivers' numbers in drivers().
     const DriverPlaces<E>& driver_places() const { return drivers_; }
-    /// Where every array lies; gradients and moments of an optimiser have the same layout.
+    /// Returns the place of every array; gradients and an optimiser's moments have the same layout.
     const ResidentLayout<Host>& layout() const { return layout_; }
     const Parameters& parameters() const { return parameters_; }
     /// Frames that have corrections; any number where the avatar has none.
@@ -276,7 +276,7 @@ class DeviceTwoStream {
     }
 
   private:
-    /// Whether shading or features lead to the head pose's correction.
+    /// True if shading or features lead to the head pose's correction.
     static constexpr bool parts_train_pose = has_effect<E, HeadShading> || eyes_train_pose<E>;
 
     static auto at(const Parameters& p) {

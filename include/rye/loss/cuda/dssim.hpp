@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/loss/cuda/dssim.hpp: 1 - SSIM of pictures in device memory, value and cotangent, by the
-/// formula, the window and the border of zeros of loss/dssim.hpp. Two kernels over tiles of pixels:
-/// windowed means and the slopes of SSIM by them, which are kept as maps; windowed means of the
-/// slopes, which are the cotangent. Means are separable, in shared memory.
+/// rye/loss/cuda/dssim.hpp: 1 - SSIM of pictures in device memory, value and cotangent, with the
+/// formula, window and zero padding of loss/dssim.hpp. Two kernels work on tiles of pixels: the
+/// first writes the slopes of SSIM with respect to windowed means as maps, the second takes
+/// windowed means of the slopes, which give the cotangent. Means are separable, in shared memory.
 ///     DeviceDssim<CudaDevice> dssim(device);
 ///     terms.push_back(dssim.into(queue, picture, truth, weight, g));
 #pragma once
@@ -14,7 +14,7 @@
 
 namespace rye {
 
-/// Tiles of a picture with the window's reach around them.
+/// Tiles of a picture, each with a margin of the window's reach.
 struct DssimTiles {
     static constexpr int width = 32, height = 16, threads = 256;
     static constexpr int reach = ssim_window / 2;
@@ -35,23 +35,23 @@ struct DssimTiles {
     RYE_HD bool inside(int x, int y) const {
         return x >= 0 && x < picture_width && y >= 0 && y < picture_height;
     }
-    /// Where channel c of pixel (x, y) is.
+    /// Returns the offset of channel c of pixel (x, y).
     RYE_HD Index at(int x, int y, int c) const {
         return (Index(y) * picture_width + x) * channels + c;
     }
 
-    /// f(row, column, x, y) for what thread t has of the tile with its reach.
+    /// Calls f(row, column, x, y) for thread t's share of the tile and its margin.
     template <class F>
     RYE_DEVICE void each_around(int block, int t, const F& f) const {
         for (int i = t; i < wide * high; i += threads)
             f(i / wide, i % wide, left(block) + i % wide - reach, top(block) + i / wide - reach);
     }
-    /// f(row, column) for what thread t has of the tile's rows, each with its reach.
+    /// Calls f(row, column) for thread t's share of the tile's rows, each with its margin.
     template <class F>
     RYE_DEVICE static void each_line(int t, const F& f) {
         for (int i = t; i < wide * height; i += threads) f(i / wide, i % wide);
     }
-    /// f(row, column, x, y) for the pixels of the tile that thread t has.
+    /// Calls f(row, column, x, y) for thread t's share of the tile's pixels.
     template <class F>
     RYE_DEVICE void each_pixel(int block, int t, const F& f) const {
         for (int i = t; i < width * height; i += threads) {
@@ -59,7 +59,7 @@ struct DssimTiles {
             if (inside(x, y)) f(i / width, i % width, x, y);
         }
     }
-    /// The mean along a row of a line.
+    /// Returns the windowed mean along a line.
     RYE_DEVICE float along(const float* line) const {
         Array<float, ssim_window> x{};
         for (std::size_t k = 0; k < ssim_window; ++k) x[k] = line[k];
@@ -67,7 +67,7 @@ struct DssimTiles {
     }
 };
 
-/// SSIM of a tile, and its slopes by the means of x, x^2 and x y.
+/// Kernel of the SSIM of a tile and its slopes with respect to the means of x, x^2 and x y.
 template <class P>
 struct DssimSlopesKernel {
     static constexpr const char* name = "slopes of SSIM";
@@ -80,7 +80,7 @@ struct DssimSlopesKernel {
     DssimTiles tiles;
     const float* a;
     const P* b;
-    float share; ///< of a value in the loss
+    float share; ///< weight of one value in the loss
     float *by_x, *by_xx, *by_xy;
     double* partial;
 
@@ -138,7 +138,7 @@ struct DssimSlopesKernel {
     }
 };
 
-/// The cotangent of a tile, from the maps of slopes.
+/// Kernel of the cotangent of a tile, from the maps of slopes.
 template <class P>
 struct DssimPullKernel {
     static constexpr const char* name = "gradient of SSIM";
@@ -152,7 +152,7 @@ struct DssimPullKernel {
     const P* b;
     float weight;
     const float *by_x, *by_xx, *by_xy;
-    float* g; ///< added to
+    float* g; ///< accumulated
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
@@ -191,14 +191,14 @@ struct DssimPullKernel {
     }
 };
 
-/// The D-SSIM loss of pictures in device memory, with the maps between its kernels.
+/// D-SSIM loss of pictures in device memory, with the maps between its kernels.
 template <class Device>
 class DeviceDssim {
   public:
     explicit DeviceDssim(const Device& device) : device_(device) {}
 
-    /// 1 - mean SSIM of a (float) and b (float or bytes) as a term of weight `weight`, which times
-    /// its cotangent of a is added to g. a, b, g: of one shape; an Error else.
+    /// Returns 1 - mean SSIM of a (float) and b (float or bytes) as a term of weight `weight`; adds
+    /// `weight` times its cotangent of a to g. Throws an Error unless a, b and g have one shape.
     template <class P>
     DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& a,
                         const DevicePicture<const P>& b, double weight,
@@ -221,7 +221,7 @@ class DeviceDssim {
                                by_x, by_xx, by_xy, g.pixels.data});
         return {partial, tiles.blocks_of(), share, 1.0, nullptr, weight};
     }
-    /// Memory that is held [bytes].
+    /// Returns the memory held [bytes].
     std::size_t bytes() const { return maps_.bytes() + sums_.bytes(); }
 
   private:

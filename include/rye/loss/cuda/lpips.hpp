@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/loss/cuda/lpips.hpp: the learned perceptual distance of loss/lpips.hpp for pictures in
-/// device memory, value and cotangent, over the whole picture or over a crop whose place is read on
-/// the device. The truth's features are made once and kept by the caller.
+/// device memory, value and cotangent, over the whole picture or a crop whose position is read on
+/// the device. The caller keeps the truth's features, which are computed once.
 ///     DeviceLpips<CudaDevice, 1> lpips(device, queue, weights);
-///     lpips.truth_into(queue, truth, crop, kept);          // once a picture and crop
+///     lpips.truth_into(queue, truth, crop, kept);          // once per picture and crop
 ///     terms.push_back(lpips.into(queue, picture, kept, weight, g));
 #pragma once
 
@@ -19,17 +19,17 @@
 
 namespace rye {
 
-/// A part of a picture: its size, and in device memory where it begins: x, y.
+/// Part of a picture: its size, and its first column and row (x, y) in device memory.
 struct DeviceCrop {
     int width, height;                ///< [px]
-    const std::int32_t* at = nullptr; ///< or null for (0, 0); inside the picture
+    const std::int32_t* at = nullptr; ///< null for (0, 0); inside the picture
 };
 
-/// The colours of a crop in the range of the network's training; P: float or bytes.
+/// Colours of a crop in the range of the network's training. P: float or bytes.
 template <class P>
 struct LpipsPixels {
     const P* from;
-    int pitch; ///< of the picture
+    int pitch; ///< width of the picture [px]
     const std::int32_t* at;
     Array<float, 3> gain, offset;
 
@@ -47,19 +47,19 @@ struct LpipsPixels {
     }
 };
 
-/// Features of pixels, eight threads a pixel.
+/// Sums over the features of pixels, eight threads per pixel.
 struct LpipsPixelSums {
     static constexpr int threads = 256, parts = 8, pixels_of = threads / parts;
     RYE_HD static int pixel(int t) { return t / parts; }
     RYE_HD static int part(int t) { return t % parts; }
-    /// The sum over the parts of a thread's pixel.
+    /// Returns the sum over the parts of a thread's pixel.
     RYE_HD static float all(const float* sum, int t) {
         const float* const own = sum + t / parts * parts;
         return ((own[0] + own[1]) + (own[2] + own[3])) + ((own[4] + own[5]) + (own[6] + own[7]));
     }
 };
 
-/// The truth's features, of unit length.
+/// Kernel of the truth's features, scaled to unit length.
 struct LpipsTruthKernel : LpipsPixelSums {
     static constexpr const char* name = "features of the truth";
     static constexpr int blocks = 4;
@@ -93,7 +93,7 @@ struct LpipsTruthKernel : LpipsPixelSums {
     }
 };
 
-/// The distance of a slice, and its cotangent of the features.
+/// Kernel of the distance of a slice, and its cotangent of the features.
 struct LpipsSliceKernel : LpipsPixelSums {
     static constexpr const char* name = "distance of features";
     static constexpr int blocks = 4;
@@ -102,10 +102,10 @@ struct LpipsSliceKernel : LpipsPixelSums {
         double sum[threads];
     };
     DeviceColumns<const float> feature;
-    const float *truth, *weight; ///< of LpipsTruthKernel; of the slice's channels
+    const float *truth, *weight; ///< the truth's unit-length features; the slice's weights
     float share;                 ///< 1 / pixels
-    double* partial;             ///< or null: the cotangent alone
-    float* g;                    ///< or null: the value alone
+    double* partial;             ///< null for the cotangent alone
+    float* g;                    ///< null for the value alone
     bool add;
 
     Index blocks_of() const { return (feature.cols + pixels_of - 1) / pixels_of; }
@@ -155,14 +155,14 @@ struct LpipsSliceKernel : LpipsPixelSums {
     }
 };
 
-/// Adds the cotangent of the network's input to that of the picture.
+/// Kernel that adds the cotangent of the network's input to that of the picture.
 struct LpipsAddKernel {
     static constexpr const char* name = "gradient of a crop";
     static constexpr int threads = 256, blocks = 4;
     struct Shared {};
     const float* g; ///< 3 x pixels of the crop
     DeviceCrop crop;
-    int pitch;             ///< of the picture
+    int pitch;             ///< width of the picture [px]
     Array<float, 3> slope; ///< weight times gain
     float* to;             ///< 3 x pixels of the picture
 
@@ -183,12 +183,12 @@ struct LpipsAddKernel {
     }
 };
 
-/// Features of a truth's crop, of unit length.
+/// Features of a truth's crop, scaled to unit length.
 struct DeviceLpipsTruth {
     DeviceCrop crop{};
     std::array<DeviceBuffer<float>, vgg_slices> slice;
 
-    /// Memory that is held [bytes].
+    /// Returns the memory held [bytes].
     std::size_t bytes() const {
         std::size_t sum = 0;
         for (const auto& s : slice) sum += s.bytes();
@@ -196,11 +196,12 @@ struct DeviceLpipsTruth {
     }
 };
 
-/// The distance, with the user's weights in device memory. N: planes of bf16 a float.
+/// LPIPS with the user's weights in device memory. N: number of bf16 planes per float.
 template <class Device, int N>
 class DeviceLpips {
   public:
-    /// Takes the weights; waits. Throws an Error for weights of another shape than they say.
+    /// Copies the weights to the device; waits. Throws an Error if their sizes contradict their
+    /// shape.
     DeviceLpips(const Device& device, const CudaQueue& queue, const LpipsWeights<float>& weights)
         : device_(device),
           net_(device, weights.net.shape) {
@@ -215,8 +216,8 @@ class DeviceLpips {
         }
     }
 
-    /// Features of a crop of a picture (three channels, floats or bytes). Throws an Error where the
-    /// crop is larger than the picture, or less than 16 pixels a side.
+    /// Computes the features of a crop of a picture (three channels, floats or bytes). Throws an
+    /// Error if the crop is larger than the picture or has a side below 16 pixels.
     template <class P>
     void truth_into(const CudaQueue& queue, const DevicePicture<const P>& picture,
                     const DeviceCrop& where, DeviceLpipsTruth& to) {
@@ -230,8 +231,8 @@ class DeviceLpips {
         }
     }
 
-    /// The distance of the picture's crop to the truth as a term of weight `weight`, which times
-    /// its cotangent of the picture is added to g, of the picture's shape.
+    /// Returns the distance of the picture's crop to the truth as a term of weight `weight`; adds
+    /// `weight` times its cotangent of the picture to g, of the picture's shape.
     DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& picture,
                         const DeviceLpipsTruth& truth, double weight,
                         const DevicePicture<float>& g) {
@@ -262,8 +263,8 @@ class DeviceLpips {
         device_.launch(queue, back.blocks_of(), back);
         return {partial, chunks, 1.0, 0.0, nullptr, weight};
     }
-    /// The distance of two pictures of one size, without its cotangent. Waits. The truth's features
-    /// go to own memory.
+    /// Returns the distance of two pictures of one size, without its cotangent; waits. Keeps the
+    /// truth's features in a buffer of its own.
     template <class P>
     double value(const CudaQueue& queue, const DevicePicture<const float>& picture,
                  const DevicePicture<const P>& truth) {
@@ -284,8 +285,8 @@ class DeviceLpips {
         device_.fetch(queue, sums.data(), partial, sums.size() * sizeof(double));
         return std::accumulate(sums.begin(), sums.end(), 0.0);
     }
-    /// As a perceptual loss of an objective: the same for a truth (floats or bytes) whose features
-    /// are made here, over `crop`, or unless `kept` is null taken from there.
+    /// Returns the same as a perceptual loss of an objective, for a truth of floats or bytes: its
+    /// features over `crop` are computed here, or taken from `kept` unless that is null.
     template <class P>
     DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& picture,
                         const DevicePicture<const P>& truth, double weight,
@@ -295,10 +296,10 @@ class DeviceLpips {
         truth_into(queue, truth, whole ? DeviceCrop{truth.width, truth.height} : crop, own_);
         return into(queue, picture, own_, weight, g);
     }
-    DeviceCrop crop{};                      ///< of width 0: the whole picture
-    const DeviceLpipsTruth* kept = nullptr; ///< the caller's, of the next truth
+    DeviceCrop crop{};                      ///< width 0: the whole picture
+    const DeviceLpipsTruth* kept = nullptr; ///< the caller's features of the next truth, or null
 
-    /// Memory that is held beside truths [bytes].
+    /// Returns the memory held, without the truths' [bytes].
     std::size_t bytes() const {
         std::size_t sum =
             net_.bytes() + trace_.bytes() + g_in_.bytes() + sums_.bytes() + own_.bytes();

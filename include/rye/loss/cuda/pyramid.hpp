@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/loss/cuda/pyramid.hpp: PyramidGradientLoss of pictures in device memory, value and
-/// cotangent, by loss/perceptual.hpp's formulas. The difference of the pictures is taken where it
-/// is read; its two halvings are kept. Slopes go from the coarsest level to the finest.
+/// cotangent, by the formulas of loss/perceptual.hpp. The pictures' difference is computed on
+/// reading; its two halvings are stored. Slopes propagate from the coarsest level to the finest.
 #pragma once
 
 #include <algorithm>
@@ -11,20 +11,20 @@
 
 namespace rye {
 
-/// The first level: a - b.
+/// First level, computed on reading: a - b.
 template <class P>
 struct PictureDifference {
     const float* a;
     const P* b;
     RYE_HD float at(Index i) const { return a[i] - unit_value(b[i]); }
 };
-/// A level that is kept.
+/// Stored level.
 struct KeptLevel {
     const float* d;
     RYE_HD float at(Index i) const { return d[i]; }
 };
 
-/// Sizes of a level.
+/// Size of a level.
 struct PyramidLevel {
     int width, height, channels;
     RYE_HD Index row() const { return Index(width) * channels; }
@@ -32,7 +32,7 @@ struct PyramidLevel {
     PyramidLevel next() const { return {width / 2, height / 2, channels}; }
 };
 
-/// The next level of a pyramid.
+/// Kernel of the next level of a pyramid.
 template <class Source>
 struct HalveKernel {
     static constexpr const char* name = "half a picture";
@@ -58,20 +58,21 @@ struct HalveKernel {
     }
 };
 
-/// Differences along both axes of a level, their slopes, and those of the level below.
+/// Kernel of the differences along both axes of a level, and their slopes plus those of the next
+/// level.
 template <class Source>
 struct PyramidKernel {
     static constexpr const char* name = "differences of a level";
     static constexpr int threads = 256, blocks = 4;
-    static constexpr Index chunk = 4 * threads; ///< numbers
+    static constexpr Index chunk = 4 * threads; ///< values per block
     struct Shared {
         double sum[threads];
     };
     PyramidLevel level;
     Source d;
-    float across, down;  ///< shares of a difference in the loss
-    const float* coarse; ///< slopes of the next level, or null
-    bool add;            ///< whether to add `weight` times the slope to g, else to write it
+    float across, down;  ///< weights of one difference in the loss
+    const float* coarse; ///< slopes of the next level; may be null
+    bool add;            ///< true: adds `weight` times the slope to g; false: writes the slope
     float weight;
     float* g;
     double* partial;
@@ -92,7 +93,7 @@ struct PyramidKernel {
     }
 
   private:
-    /// Number i: writes its slope, returns its value.
+    /// Writes the slope of value i; returns its share of the loss.
     RYE_DEVICE double one(Index i) const {
         const Index row = level.row(), c = level.channels;
         const Index y = i / row, x = i % row / c;
@@ -115,7 +116,7 @@ struct PyramidKernel {
     }
 };
 
-/// The pyramid's loss of pictures in device memory, with its levels.
+/// Pyramid loss of pictures in device memory, with its levels.
 template <class Device>
 class DevicePyramidLoss {
   public:
@@ -123,8 +124,8 @@ class DevicePyramidLoss {
         : device_(device),
           loss_(loss) {}
 
-    /// The loss of a and b (floats or bytes) as a term of weight `weight`, which times its
-    /// cotangent of a is added to g. a, b, g: of one shape; an Error else.
+    /// Returns the loss of a and b (floats or bytes) as a term of weight `weight`; adds `weight`
+    /// times its cotangent of a to g. Throws an Error unless a, b and g have one shape.
     template <class P>
     DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& a,
                         const DevicePicture<const P>& b, double weight,
@@ -159,7 +160,7 @@ class DevicePyramidLoss {
         device_.launch(queue, finest.blocks_of(), finest);
         return {finest.partial, chunks, 1.0, 0.0, nullptr, weight};
     }
-    /// Memory that is held [bytes].
+    /// Returns the memory held [bytes].
     std::size_t bytes() const { return levels_.bytes() + sums_.bytes(); }
 
   private:

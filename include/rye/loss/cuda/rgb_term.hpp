@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/loss/cuda/rgb_term.hpp: the masked L1 term of a picture's red, green and blue in device
-/// memory, by loss/photometric.hpp's formula, against a target that is made pixel by pixel: a
-/// picture, a colour, or what a caller's target computes. Value and cotangent in one pass.
+/// rye/loss/cuda/rgb_term.hpp: masked L1 term of the red, green and blue of a picture in device
+/// memory, by the formula of loss/photometric.hpp. The target is computed pixel by pixel: a
+/// picture, a colour, or a caller's function. Value and cotangent in one pass.
 #pragma once
 
 #include <algorithm>
@@ -11,20 +11,20 @@
 
 namespace rye {
 
-/// What a pixel should show, and how much it counts. Where `mask` is 0 the colour is not read.
+/// Target colour of a pixel and its weight. The colour is not read if `mask` is 0.
 struct RgbTarget {
     float mask;
     Array<float, 3> colour;
 };
 
-/// A target of kernels: at(pixel), and mask(pixel) alone.
+/// A target that kernels read: at(pixel), or mask(pixel) alone.
 template <class G>
 concept RgbTargetSource = requires(const G& target, Index pixel) {
     { target.at(pixel) } -> std::same_as<RgbTarget>;
     { target.mask(pixel) } -> std::same_as<float>;
 };
 
-/// A picture (three channels) and a mask, null for 1 everywhere.
+/// Target of a picture (three channels) with a mask; null means 1 everywhere.
 template <class P>
 struct PictureTarget {
     const P* picture;
@@ -37,7 +37,7 @@ struct PictureTarget {
                   unit_value(picture[3 * i + 2])}}};
     }
 };
-/// One colour, and a mask.
+/// Target of a single colour with a mask.
 template <class P>
 struct ColourTarget {
     Array<float, 3> colour;
@@ -48,12 +48,12 @@ struct ColourTarget {
 };
 static_assert(RgbTargetSource<PictureTarget<float>> && RgbTargetSource<ColourTarget<float>>);
 
-/// Pixels of a block's partial sum.
+/// Number of pixels per partial sum.
 inline constexpr Index rgb_chunk = 256;
-/// Partial sums of a picture.
+/// Returns the number of partial sums of a picture.
 inline Index rgb_chunks(Index pixels) { return (pixels + rgb_chunk - 1) / rgb_chunk; }
 
-/// The sum of a target's mask over a chunk of pixels.
+/// Kernel of the sum of a target's mask over a chunk of pixels.
 template <RgbTargetSource G>
 struct MaskSumKernel {
     static constexpr const char* name = "sum of a mask";
@@ -81,7 +81,7 @@ struct MaskSumKernel {
     }
 };
 
-/// f(sum of the chunks), a number in device memory. F: a device function object.
+/// Kernel of f(sum of the chunks), a number in device memory. F: a device function object.
 template <class F>
 struct MaskGainKernel {
     static constexpr const char* name = "gain of a mask";
@@ -110,7 +110,7 @@ struct MaskGainKernel {
     }
 };
 
-/// The term over a chunk of pixels, and its cotangent.
+/// Kernel of the term over a chunk of pixels, and its cotangent.
 template <RgbTargetSource G>
 struct RgbTermKernel {
     static constexpr const char* name = "masked L1 of colours";
@@ -121,9 +121,9 @@ struct RgbTermKernel {
     DeviceColumns<const float> picture; ///< at least 3 x pixels
     G target;
     double weight;
-    const double* gain; ///< or null for 1
+    const double* gain; ///< null for 1
     float share;        ///< 1 / number of values
-    float* g;           ///< of the picture's shape; added to its first three rows
+    float* g;           ///< of the picture's shape; its first three rows are accumulated
     double* partial;
 
     template <class Block>
@@ -156,15 +156,15 @@ struct RgbTermKernel {
     }
 };
 
-/// Weight of a term in the objective, and what its mask is averaged by.
+/// Weight of a term in the objective, and the normalisation of its mask.
 struct TermWeight {
     double weight = 1;
     const double* gain = nullptr; ///< a number in device memory, or null for 1
 };
 
-/// mean |mask (picture - target)| over all pixels and the first three channels, times the gain, as
-/// a term; adds `weight` times its cotangent to g's first three rows. Throws an Error for fewer
-/// channels, or another shape of g.
+/// Term mean |mask (picture - target)| over all pixels and the first three channels, times the
+/// gain. `into` adds `weight` times its cotangent to g's first three rows; throws an Error for
+/// fewer channels or another shape of g.
 template <class Device>
 class DeviceRgbTerm {
   public:
@@ -191,7 +191,7 @@ class DeviceRgbTerm {
     LossSums sums_;
 };
 
-/// f(sum of a target's mask over its pixels) as a number in device memory.
+/// Function f(sum of a target's mask over its pixels) as a number in device memory.
 template <class Device>
 class DeviceMaskGain {
   public:

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/loss/cuda/smoothness.hpp: the smoothness prior of loss/smoothness.hpp over values in device
-/// memory. The graph is sent once, with for every point those that name it as a neighbour, so that
-/// a point gathers its gradient in a fixed order.
+/// memory. The graph is sent once, with the list of points that name each point as a neighbour, so
+/// that a point gathers its gradient in a fixed order.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 namespace rye {
 
-/// Value and cotangent of the numbers of a chunk.
+/// Kernel of the value and cotangent of a chunk of numbers.
 struct SmoothnessKernel {
     static constexpr const char* name = "smoothness";
     static constexpr int threads = 128, blocks = 8;
@@ -20,11 +20,11 @@ struct SmoothnessKernel {
         double sum[threads];
     };
     DeviceColumns<const float> values;
-    const std::int32_t* neighbour; ///< four a point
-    const std::int32_t* begin;     ///< where a point's namers begin, points + 1
+    const std::int32_t* neighbour; ///< four per point
+    const std::int32_t* begin;     ///< start of each point's list in `namer`, points + 1
     const std::int32_t* namer;
     float share, weight;
-    float* g; ///< added to
+    float* g; ///< accumulated
     double* partial;
 
     Index blocks_of() const { return (values.rows * values.cols + threads - 1) / threads; }
@@ -58,13 +58,13 @@ struct SmoothnessKernel {
     }
 };
 
-/// The prior, with its graph in device memory.
+/// Smoothness prior with its graph in device memory.
 template <class Device>
 class DeviceSmoothness {
   public:
     explicit DeviceSmoothness(const Device& device) : device_(device) {}
 
-    /// Takes a graph; waits. Throws an Error for an index that is not a point's.
+    /// Copies a graph to the device; waits. Throws an Error for an index out of range.
     void set(const CudaQueue& queue, const NeighbourGraph& graph) {
         const std::size_t n = graph.size();
         require(std::uint64_t(n) * 5 < std::uint64_t(std::numeric_limits<std::int32_t>::max()),
@@ -89,8 +89,8 @@ class DeviceSmoothness {
         device_.send(queue, words_.data(), words.data(), words.size() * sizeof(std::int32_t));
         points_ = static_cast<Index>(n);
     }
-    /// The mean squared difference of values (C x points) as a term of weight `weight`, which
-    /// times its cotangent is added to g. Throws an Error for other shapes.
+    /// Returns the mean squared difference of values (C x points) as a term of weight `weight`;
+    /// adds `weight` times its cotangent to g. Throws an Error for other shapes.
     DeviceLossTerm into(const CudaQueue& queue, const DeviceColumns<const float>& values,
                         double weight, const DeviceColumns<float>& g) {
         require(values.cols == points_, "smoothness", "the graph has ", points_,

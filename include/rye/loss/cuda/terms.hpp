@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/loss/cuda/terms.hpp: what the losses of pictures in device memory share: partial sums of
-/// doubles, and the report of an objective: the values of its terms, their weighted total, and the
-/// first of them that is not finite. The report stays on the device until it is fetched.
+/// rye/loss/cuda/terms.hpp: parts shared by the losses of pictures in device memory: partial sums
+/// in double, and the report of an objective: the values of its terms, their weighted total, and
+/// the first term that is not finite. The report stays on the device until it is fetched.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,7 @@
 
 namespace rye {
 
-/// A term of an objective: its value is offset + factor gain (sum of `chunks` partial sums).
+/// Term of an objective, of value offset + factor gain (sum of `chunks` partial sums).
 struct DeviceLossTerm {
     const double* partial = nullptr;
     Index chunks = 0;
@@ -36,17 +36,17 @@ class LossSums {
     DeviceBuffer<double> partial_;
 };
 
-/// Values of up to 12 terms, and their weighted total.
+/// Values of up to 12 terms and their weighted total.
 struct LossReport {
     static constexpr int most = 12;
     float value[most] = {};
     float total = 0;
-    std::int32_t bad = -1; ///< the first term that is not finite, or -1
+    std::int32_t bad = -1; ///< index of the first term that is not finite, or -1
 
     bool finite() const { return bad < 0; }
 };
 
-/// The terms' partial sums, each in its order.
+/// Kernel that adds up the terms' partial sums in a fixed order.
 struct LossReportKernel {
     static constexpr const char* name = "report of losses";
     static constexpr int threads = 256, blocks = 1;
@@ -92,13 +92,13 @@ struct LossReportKernel {
     }
 };
 
-/// The report of an objective, in device memory.
+/// Report of an objective in device memory.
 template <class Device>
 class DeviceLossReport {
   public:
     explicit DeviceLossReport(const Device& device) : device_(device) {}
 
-    /// Puts the sums of the terms on the stream. Throws an Error for more than there is room for.
+    /// Enqueues the sums of the terms. Throws an Error for more than LossReport::most terms.
     void sum_into(const CudaQueue& queue, const std::vector<DeviceLossTerm>& terms) {
         require(terms.size() <= std::size_t(LossReport::most), "DeviceLossReport", "got ",
                 terms.size(), " terms, ", LossReport::most, " are the most");
@@ -107,14 +107,15 @@ class DeviceLossReport {
         for (std::size_t k = 0; k < terms.size(); ++k) kernel.term[k] = terms[k];
         device_.launch(queue, 1, kernel);
     }
-    /// The last one. Waits.
+    /// Returns the latest report; waits. Throws an Error if there is none.
     LossReport fetch(const CudaQueue& queue) const {
         LossReport r;
         require(report_.data() != nullptr, "DeviceLossReport", "nothing was summed yet");
         device_.fetch(queue, &r, report_.data(), sizeof r);
         return r;
     }
-    /// In device memory, for kernels that read it; null before the first.
+    /// Returns the report in device memory, for kernels that read it; null before the first
+    /// sum_into.
     const LossReport* data() const { return report_.data(); }
 
   private:

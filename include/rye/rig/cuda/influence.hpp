@@ -23,16 +23,16 @@ struct DeviceLandmarks {
     }
 };
 
-/// The influence of point i by the metric M, and 1 less that by the metric Rest.
+/// Computes the influence of point i by the metric M, and 1 minus its influence by the metric Rest.
 template <class M, class Rest = M>
 struct InfluenceOfPoint {
     static constexpr const char* name = "influence";
     DeviceLandmarks of;
     M metric;
     Rest rest_metric;
-    float* lambda; ///< 1 x N, or null
-    float* rest;   ///< 1 x N, or null
-    int* nearest;  ///< landmark, -1: none
+    float* lambda; ///< 1 x N; may be null
+    float* rest;   ///< 1 x N; may be null
+    int* nearest;  ///< index of the nearest landmark, -1 for none
 
     RYE_DEVICE void operator()(Index i) const {
         NearestSoFar<float> best;
@@ -49,16 +49,16 @@ struct InfluenceOfPoint {
 template <class M, class Rest>
 InfluenceOfPoint(DeviceLandmarks, M, Rest, float*, float*, int*) -> InfluenceOfPoint<M, Rest>;
 
-/// Adds the cotangent of point i, given that of its influence less that of the rest.
+/// Adds the cotangent of point i.
 template <class M>
 struct InfluencePull {
     static constexpr const char* name = "influence, reverse";
     DeviceLandmarks of;
     M metric;
     const int* nearest;
-    const float* g;      ///< of the influence, or null
-    const float* g_rest; ///< of 1 less the influence, or null
-    float* g_points;     ///< 3 x N, added to
+    const float* g;      ///< cotangent of the influence; may be null
+    const float* g_rest; ///< cotangent of 1 minus the influence; may be null
+    float* g_points;     ///< 3 x N; accumulated
 
     RYE_DEVICE void operator()(Index i) const {
         const int k = nearest[i];

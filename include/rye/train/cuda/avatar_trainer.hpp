@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/cuda/avatar_trainer.hpp: stage 2 on a device: what train/avatar_trainer.hpp does on
-/// the host, step by step, with avatar, optimiser and pictures in device memory.
+/// rye/train/cuda/avatar_trainer.hpp: stage 2 on a device: the steps of train/avatar_trainer.hpp,
+/// with avatar, optimiser and pictures in device memory.
 ///     DeviceAvatarTrainer<E, CudaDevice> trainer(device, queue, {avatar, adam}, training, loss);
 ///     for (...) trainer.add(queue, view, drivers);
 ///     const DeviceStepsReport r = trainer.run(queue, draws);  // waits once
 ///     trainer.fetch(queue, avatar, adam);                     // as checkpoints have them
-/// Where the device has graphs, steps of one camera are one graph. Sums have a fixed order: the
-/// same build gives the same bits, whatever number of steps a run takes.
+/// If the device has graphs, steps of one camera are one graph. Sums have a fixed order: the same
+/// build gives the same bits for any division of the steps into runs.
 #pragma once
 
 #include <memory>
@@ -28,22 +28,23 @@
 
 namespace rye {
 
-/// A host's avatar and its optimiser.
+/// Avatar and optimiser on the host.
 template <EffectSet E>
 struct AvatarAndAdam {
     const TwoStream<float, E>& avatar;
     const Adam<TwoStream<float, E>>& adam;
 };
 
-/// Training of an avatar whose parameters and moments are the device's until they are fetched.
+/// Training of an avatar whose parameters and moments stay on the device until they are fetched.
 template <DeviceEffects E, class Device, class Policy = DeviceTrainerPolicy<>,
           class Perceptual = DevicePyramidLoss<Device>>
 class DeviceAvatarTrainer {
     using Host = TwoStream<float, E>;
 
   public:
-    /// Takes copies to the device; of `training` what a device computes otherwise (accuracy,
-    /// perceptual term) is not read. Waits. Throws an Error for what does not fit.
+    /// Copies its arguments to the device; waits. Ignores the parts of `training` that a device
+    /// computes by Policy and Perceptual (accuracy, perceptual term). Throws an Error for sizes
+    /// that do not fit.
     template <class A, class P, class Rates>
     DeviceAvatarTrainer(const Device& device, const CudaQueue& queue, const AvatarAndAdam<E>& from,
                         const AvatarTraining<A, P, Rates>& training, Perceptual& perceptual)
@@ -80,8 +81,9 @@ class DeviceAvatarTrainer {
     DeviceAvatarTrainer(const DeviceAvatarTrainer&) = delete;
     DeviceAvatarTrainer& operator=(const DeviceAvatarTrainer&) = delete;
 
-    /// Takes a view, whose pictures stay on the device; returns its number. Waits. Throws an Error
-    /// for sizes that differ from the first view's, and for drivers that an avatar refuses.
+    /// Adds a view, whose pictures stay on the device; returns its number; waits. Throws an Error
+    /// for sizes that differ from the first view's, and for drivers that the avatar does not
+    /// accept.
     Index add(const CudaQueue& queue, const TrainingView& view, const Drivers<float, E>& drivers) {
         require(view.frame >= -1 && view.frame < avatar_.frames(), "DeviceAvatarTrainer", "view ",
                 views_.count(), ": frame is ", view.frame, ", expected -1 to ",
@@ -89,8 +91,8 @@ class DeviceAvatarTrainer {
         return views_.add(queue, view, avatar_.driver_places().packed(drivers, view.frame));
     }
 
-    /// Takes the steps of these draws, in their order; waits once for all of them, and again only
-    /// where room had to be made. Throws an Error for a view that is not there.
+    /// Takes the steps of these draws in order; waits once for all of them, and again only if
+    /// memory must grow. Throws an Error for a view that does not exist.
     DeviceStepsReport run(const CudaQueue& queue, const std::vector<StepDraw>& draws) {
         if (draws.empty()) return report();
         send_rows(queue, draws);
@@ -110,18 +112,18 @@ class DeviceAvatarTrainer {
         return report();
     }
 
-    /// The avatar and its optimiser, as the host has them. Waits.
+    /// Copies the avatar and its optimiser to the host; waits.
     void fetch(const CudaQueue& queue, Host& avatar, Adam<Host>& adam) const {
         avatar_.download(queue, avatar);
         adam_.fetch(queue, adam);
     }
 
-    /// A trainer of an avatar with the same drivers that is made after this one may take() them.
+    /// Returns the views, for a later trainer of an avatar with the same drivers to take().
     DeviceViews<Device>& views() { return views_; }
-    /// Memory of a render (all, the face alone, the eyes alone), whose room may be set before the
-    /// first step by somebody who knows how much it needs.
+    /// Returns the memory of a render (all, the face alone, the eyes alone), which a caller that
+    /// knows the need may reserve before the first step.
     DeviceFrame<Device>& frame(std::size_t render) { return *frame_[render]; }
-    /// Memory that is held [bytes], without what the perceptual term holds.
+    /// Returns the memory held [bytes], without the perceptual term's.
     std::size_t bytes() const {
         std::size_t sum = avatar_.bytes() + gradient_.bytes() + adam_.bytes() + upsampler_.bytes() +
                           trace_[0].bytes() + trace_[1].bytes() + views_.bytes() +
@@ -131,13 +133,13 @@ class DeviceAvatarTrainer {
         for (const auto& f : frame_) sum += f->bytes();
         return sum;
     }
-    /// How many graphs are held.
+    /// Returns the number of graphs held.
     std::size_t graphs() const { return graphs_.size(); }
 
   private:
     static constexpr int most_waits = 64;
     using Kind = std::tuple<bool, bool>;
-    /// Numbers that kernels of a step are launched with.
+    /// Values that the kernels of a step are launched with.
     using Key = std::tuple<bool, bool, std::vector<float>>;
 
     static std::size_t bytes_of(Index n) { return static_cast<std::size_t>(n) * sizeof(float); }
@@ -168,7 +170,7 @@ class DeviceAvatarTrainer {
                     rows.size(), " shows view ", d.view, ", there are ", views_.count());
             rows.push_back({d.view, d.rate, d.scale, {d.blank[0], d.blank[1], d.blank[2]}});
         }
-        if (rows.size() > rows_.size()) graphs_.forget(); // they read rows where they lay
+        if (rows.size() > rows_.size()) graphs_.forget(); // they hold the old address of the rows
         rows_.reserve(queue, rows.size());
         device_.send(queue, rows_.data(), rows.data(), rows.size() * sizeof(DeviceStepRow));
         const DeviceViewPlace* const before = places_;
@@ -201,7 +203,7 @@ class DeviceAvatarTrainer {
         return {d.eyes_high, d.scaled, numbers};
     }
 
-    /// Puts a step on the stream.
+    /// Enqueues a step.
     void put(const CudaQueue& queue, const StepDraw& d, Index rows) {
         const Host& host = avatar_.shapes();
         DeviceStepNumbers* const numbers = numbers_.data();
@@ -244,7 +246,7 @@ class DeviceAvatarTrainer {
         if constexpr (ProbedDevice<Device>) device_.probe(queue, name);
     }
 
-    /// A render: what it shows, on what, by which camera, into what, and where gradients go.
+    /// A render: its Gaussians, background, camera, memory, and destination of gradients.
     struct Render {
         DeviceGaussians<float> shown, gradient;
         const float* background;
@@ -262,7 +264,7 @@ class DeviceAvatarTrainer {
         const Index of_eyes = d.eyes_high ? C : 3;
         colours_.reserve(queue, static_cast<std::size_t>(3 * (n + 2 * e)) + 1);
         float* const eye_colours = colours_.data() + 3 * (n + e);
-        part_[0].reserve(queue, n + e, 3); // of the most that either kind of step needs
+        part_[0].reserve(queue, n + e, 3); // room for the larger of both kinds of step
         part_[1].reserve(queue, e, C);
         DeviceGaussians<float> face = columns_from(cloud, {0, in_face}),
                                eyes = avatar_.eye_gaussians();
@@ -286,7 +288,7 @@ class DeviceAvatarTrainer {
                                      *frame_[k]);
         });
     }
-    /// Values and cotangents of all terms.
+    /// Computes values and cotangents of all terms.
     void compare(const CudaQueue& queue, const StepDraw& d, const DeviceStepImages& p,
                  const DeviceStepPictures& truth) {
         const auto picture = [](const float* data, const DevicePicture<float>& like) {
@@ -311,7 +313,7 @@ class DeviceAvatarTrainer {
             losses_.add_eye_smooth(
                 smoothness_.into(queue, avatar_, weights_.eye_smooth, gradient_));
     }
-    /// Adds the gradient of everything to gradient_.
+    /// Adds the gradient of all terms to gradient_.
     void back(const CudaQueue& queue, const StepDraw& d, const DeviceStepImages& p,
               const Renders& r) {
         const DeviceUpsamplerParameters to =
@@ -333,7 +335,7 @@ class DeviceAvatarTrainer {
         }
         end_part(queue, "super-resolution, back");
         branches_.run(queue, step_renders + 1, [&](std::size_t k, const CudaQueue& q) {
-            if (k == step_renders) return losses_.report_into(q); // of all terms
+            if (k == step_renders) return losses_.report_into(q); // report of all terms
             const Render& own = r.of[k];
             rasterizer_.vjp_into(q, own.shown, views_.camera(d.view), own.background,
                                  {own.g_feature.pixels}, own.gradient, *frame_[k]);
@@ -349,7 +351,7 @@ class DeviceAvatarTrainer {
         avatar_.vjp_into(queue, gradient_);
         end_part(queue, "drive, back");
     }
-    /// The optimiser, centred corrections, bounds, counts.
+    /// Enqueues the optimiser's step, the centring of corrections, the bounds and the counts.
     void step_end(const CudaQueue& queue) {
         RoomKernel room{{}, avatar_.rooms(), state_.data()};
         for (std::size_t k = 0; k < step_renders; ++k)
@@ -383,14 +385,14 @@ class DeviceAvatarTrainer {
     DeviceEyeSmoothness<E, Device> smoothness_;
     Index channels_;            ///< channels of a render
     bool centred_poses_;
-    DeviceCloudBuffer part_[2]; ///< gradients of the face's render, of the eyes'
+    DeviceCloudBuffer part_[2]; ///< gradients of the face's and of the eyes' render
     DeviceStepImageMemory images_;
     DeviceBuffer<float> colours_, white_, most_;
     DeviceBuffer<DeviceStepState> state_;
     DeviceBuffer<DeviceStepNumbers> numbers_;
     DeviceBuffer<DeviceStepRow> rows_;
     const DeviceViewPlace* places_ = nullptr;
-    DeviceStepState here_{}; ///< the host's copy of state_
+    DeviceStepState here_{}; ///< host copy of state_
     Index steps_ = 0;
     KeptGraphs<Device, Kind, Key> graphs_;
 };

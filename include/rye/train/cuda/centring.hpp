@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/cuda/centring.hpp: what train/centring.hpp does, in device memory.
+/// rye/train/cuda/centring.hpp: train/centring.hpp in device memory.
 #pragma once
 
 #include <rye/avatar/two_stream.hpp>
@@ -8,7 +8,8 @@
 
 namespace rye {
 
-/// Takes the mean over columns off each row, where the optimiser has applied its step.
+/// Kernel that subtracts from each row its mean over columns, if the optimiser has applied its
+/// step.
 struct CentreRowsKernel {
     static constexpr const char* name = "corrections centred";
     static constexpr int threads = 128, blocks = 1, most = 8;
@@ -16,7 +17,7 @@ struct CentreRowsKernel {
         float mean[most];
     };
     const DeviceAdamState* adam;
-    DeviceColumns<float> array; ///< with `most` rows at most
+    DeviceColumns<float> array; ///< at most `most` rows
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
@@ -32,8 +33,8 @@ struct CentreRowsKernel {
     }
 };
 
-/// Takes off what corrections of all frames have in common; of poses if `poses`. `parameters`: of
-/// the host's avatar.
+/// Subtracts the mean over frames from the gazes' corrections, and from the poses' if `poses`.
+/// `parameters`: shapes of the host's avatar.
 template <class Device, EffectSet E>
 void centre_corrections_into(
     [[maybe_unused]] const Device& device, [[maybe_unused]] const CudaQueue& queue,

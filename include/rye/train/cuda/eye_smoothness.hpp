@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/cuda/eye_smoothness.hpp: the smoothness of the eyes' features as a term of a step on a
-/// device: of parameters where features are constants, else of what is generated for the frame,
-/// whose cotangent joins the cloud's. AvatarTrainer of train/avatar_trainer.hpp has the same rule.
+/// rye/train/cuda/eye_smoothness.hpp: smoothness of the eyes' features as a term of a step on a
+/// device: of parameters if features are constants, else of the frame's generated features, whose
+/// cotangent is added to the cloud's. AvatarTrainer of train/avatar_trainer.hpp does the same.
 #pragma once
 
 #include <rye/avatar/cuda/two_stream.hpp>
@@ -10,26 +10,27 @@
 
 namespace rye {
 
-/// The term of an avatar's eyes, with its graph and memory on the device.
+/// Smoothness term of an avatar's eyes, with its graph and memory on the device.
 template <DeviceEffects E, class Device>
 class DeviceEyeSmoothness {
     using Host = TwoStream<float, E>;
-    /// Whether features are constants.
+    /// True if features are constants.
     static constexpr bool of_parameters = requires(const Host& a) { a.eyes.feature; };
     struct FeaturesAreConstants {};
 
   public:
     explicit DeviceEyeSmoothness(const Device& device) : device_(device), term_(device) {}
 
-    /// Takes the neighbours of each point, and memory for features of so many channels. Waits.
+    /// Copies the neighbours of each point to the device, and reserves memory for features of
+    /// `channels`; waits.
     void set(const CudaQueue& queue, const EyeStream<float, E>& eyes,
              [[maybe_unused]] Index channels) {
         term_.set(queue, eye_neighbours(eyes));
         if constexpr (!of_parameters)
             g_.reserve(queue, static_cast<std::size_t>(channels * eyes.position.cols()) + 1);
     }
-    /// Puts the term of a driven avatar on the stream; the cotangent of parameters is added to
-    /// their gradient, another one is kept for add_into.
+    /// Enqueues the term of a driven avatar. Adds the cotangent of parameters to their gradient;
+    /// keeps that of generated features for add_into.
     template <class Avatar>
     DeviceLossTerm into(const CudaQueue& queue, const Avatar& avatar, double weight,
                         [[maybe_unused]] const typename Avatar::Parameters& gradient) {
@@ -43,14 +44,14 @@ class DeviceEyeSmoothness {
             return term_.into(queue, feature, weight, {g_.data(), feature.rows, feature.cols});
         }
     }
-    /// Adds what was kept to the cotangent of the eyes' features, C x P; nothing where features are
+    /// Adds the kept cotangent to that of the eyes' features, C x P; does nothing if features are
     /// constants.
     void add_into([[maybe_unused]] const CudaQueue& queue,
                   [[maybe_unused]] const DeviceColumns<float>& g_feature) {
         if constexpr (!of_parameters)
             launch_each(device_, queue, g_feature.size(), AddNumbers{g_.data(), g_feature.data});
     }
-    /// Memory that is held [bytes].
+    /// Returns the memory held [bytes].
     std::size_t bytes() const {
         std::size_t sum = term_.bytes();
         if constexpr (!of_parameters) sum += g_.bytes();

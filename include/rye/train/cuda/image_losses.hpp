@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/cuda/image_losses.hpp: the image terms of stage 2's objective over renders in device
-/// memory: what train/avatar_objective.hpp computes between super-resolution and its vjp, value and
-/// cotangent together. Truth and masks are floats or the bytes that pictures have on disk.
+/// rye/train/cuda/image_losses.hpp: image terms of stage 2's objective over renders in device
+/// memory, value and cotangent together: the part of train/avatar_objective.hpp between
+/// super-resolution and its vjp. Truth and masks are floats, or bytes as in picture files.
 ///     DeviceImageLosses<CudaDevice> losses(device, weights);
 ///     losses.into(queue, images, pictures, cotangents);      // nothing waits
 ///     losses.report_into(queue);
@@ -20,7 +20,7 @@
 
 namespace rye {
 
-/// AvatarImages in device memory; P: float, or std::uint8_t for shares of 255. Masks: 1 x pixels.
+/// AvatarImages in device memory. P: float, or std::uint8_t with 255 for 1. Masks: 1 x pixels.
 template <class P>
 struct DeviceAvatarImages {
     DevicePicture<const P> truth, truth_small; ///< RGB on the final background
@@ -28,24 +28,24 @@ struct DeviceAvatarImages {
     const P *eyes, *eyes_small;
     const P* mask_small;
     bool eyes_high = true;
-    const detail::Resizing* scale = nullptr; ///< of the small image, in device memory; or null
-    const float* background = nullptr;       ///< the first three of the final render's
+    const detail::Resizing* scale = nullptr; ///< of the small image, in device memory; may be null
+    const float* background = nullptr;       ///< of the final render, first three channels
     const float* blank = nullptr;            ///< of the face alone, 3
 };
 
-/// Renders and their super-resolution; eyes_high has no pixels where that term is not taken.
+/// Renders and their super-resolution; eyes_high has no pixels if that term is off.
 struct DeviceAvatarPictures {
     DeviceColumns<const float> final, face, eyes; ///< at least three channels x pixels
     const float* eyes_alpha;                      ///< 1 x pixels
     DevicePicture<const float> high, eyes_high;
 };
-/// Their cotangents, of the same shapes; overwritten.
+/// Cotangents of DeviceAvatarPictures, of the same shapes; overwritten.
 struct DeviceAvatarCotangents {
     DeviceColumns<float> final, face, eyes;
     DevicePicture<float> high, eyes_high;
 };
 
-/// face_alone_target, pixel by pixel.
+/// Target of face_alone_target, pixel by pixel.
 template <class P>
 struct FaceAloneTarget {
     const P *truth, *visible, *eyes, *subject;
@@ -65,7 +65,7 @@ struct FaceAloneTarget {
     RYE_HD RgbTarget at(Index i) const { return {mask(i), colour(i)}; }
 };
 
-/// blank_eyeball_target, pixel by pixel.
+/// Target of blank_eyeball_target, pixel by pixel.
 template <class P>
 struct BlankEyeballTarget {
     FaceAloneTarget<P> alone;
@@ -84,7 +84,7 @@ struct BlankEyeballTarget {
     }
 };
 
-/// The blank's background in the eyes.
+/// Target of the blank's background in the eyes.
 template <class P>
 struct BlankTarget {
     const P* eyes;
@@ -94,7 +94,7 @@ struct BlankTarget {
     RYE_HD RgbTarget at(Index i) const { return {mask(i), {{blank[0], blank[1], blank[2]}}}; }
 };
 
-/// Terms of the objective with their memory. Perceptual: a term of two pictures, as
+/// Terms of the objective and their memory. Perceptual: a term of two pictures, as
 /// DevicePyramidLoss.
 template <class Device, class Perceptual = DevicePyramidLoss<Device>>
 class DeviceImageLosses {
@@ -117,10 +117,10 @@ class DeviceImageLosses {
 
     AvatarLossConfig weights;
 
-    /// Memory that is held [bytes], without the perceptual term's and that of sums.
+    /// Returns the memory held [bytes], without the perceptual term's and the sums'.
     std::size_t bytes() const { return dssim_.bytes() + moved_.bytes(); }
 
-    /// All image terms and their cotangents. Throws an Error for shapes that do not fit.
+    /// Enqueues all image terms and their cotangents. Throws an Error for shapes that do not fit.
     template <class P>
     void into(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
               const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
@@ -132,14 +132,14 @@ class DeviceImageLosses {
             if (k == 2) eyes_high_term(q, images, p, g);
         });
     }
-    /// A term that is not of images, such as the smoothness of the eyes' colours; between into()
-    /// and report_into().
+    /// Adds a term that is not of images: the smoothness of the eyes' colours. Call it between
+    /// into() and report_into().
     void add_eye_smooth(const DeviceLossTerm& term) { terms_[8] = term; }
-    /// Values and total, on the device.
+    /// Enqueues the report of values and total, which stays on the device.
     void report_into(const CudaQueue& queue) { report_.sum_into(queue, terms_); }
 
-    /// The values of the last report; waits. `bad` gets the name of the first term that is not
-    /// finite, or becomes empty.
+    /// Returns the values of the last report; waits. Sets `bad` to the name of the first term that
+    /// is not finite, or to empty.
     AvatarLosses<float> fetch(const CudaQueue& queue, std::string& bad) const {
         const LossReport r = report_.fetch(queue);
         bad = r.finite() ? "" : names[r.bad];
@@ -151,7 +151,7 @@ class DeviceImageLosses {
         l.total = r.total;
         return l;
     }
-    /// The report in device memory.
+    /// Returns the report in device memory.
     const LossReport* report() const { return report_.data(); }
 
   private:
@@ -160,7 +160,7 @@ class DeviceImageLosses {
                                                  "dssim",           "eye_low",        "eye_high",
                                                  "blank",           "face_alone",     "eye_smooth"};
 
-    /// Terms of the final picture.
+    /// Enqueues the terms of the final picture.
     template <class P>
     void picture_terms(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
                        const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
@@ -173,7 +173,7 @@ class DeviceImageLosses {
         if (weights.dssim > 0)
             terms_[3] = dssim_.into(queue, p.high, seen.truth, weights.dssim, g.high);
     }
-    /// Terms of the three renders.
+    /// Enqueues the terms of the three renders.
     template <class P>
     void render_terms(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
                       const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
@@ -186,7 +186,7 @@ class DeviceImageLosses {
         terms_[4] = eye_low_.into(queue, p.eyes, small, {weights.eye_low, small_}, g.eyes);
         face_terms(queue, images, p, g);
     }
-    /// Terms of the eyes' picture, if it is there.
+    /// Enqueues the term of the eyes' picture, if there is one.
     template <class P>
     void eyes_high_term(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
                         const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
@@ -225,7 +225,7 @@ class DeviceImageLosses {
         return of.into(queue, target, pixels, detail::EyeGain{pixels});
     }
 
-    /// Truth and visibility of the picture by the random scale.
+    /// Returns truth and visibility of the picture after the random scale.
     template <class P>
     DeviceAvatarImages<P> moved(const CudaQueue& queue, const DeviceAvatarImages<P>& images) {
         DeviceAvatarImages<P> r = images;

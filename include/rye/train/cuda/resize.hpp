@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/train/cuda/resize.hpp: the random scale of train/augment.hpp for pictures in device memory:
-/// each pixel takes that of the source, or 1 where there is none; and its vjp, which gathers. How
-/// it is resized is read on the device, so that a captured step may change it.
+/// each pixel takes that of the source, or 1 for none; and its vjp, which gathers. The resizing is
+/// read on the device, so that a captured step may change it.
 #pragma once
 
 #include <rye/loss/cuda/terms.hpp>
@@ -11,7 +11,7 @@ namespace rye {
 
 namespace detail {
 
-/// What stands for 1 in a picture.
+/// Returns the value that stands for 1 in a picture.
 template <class P>
 RYE_HD P unit_of() {
     return std::is_same_v<P, float> ? P(1) : P(255);
@@ -19,7 +19,7 @@ RYE_HD P unit_of() {
 
 } // namespace detail
 
-/// A picture, resized.
+/// Resizes a picture.
 template <class P>
 struct ResizeKernel {
     static constexpr const char* name = "resized picture";
@@ -27,7 +27,7 @@ struct ResizeKernel {
     struct Shared {};
     DeviceColumns<const P> from;
     const detail::Resizing* resizing; ///< in device memory
-    int factor;                       ///< of the picture's size and the resizing's
+    int factor;                       ///< picture size over the resizing's size
     P* to;
 
     Index blocks_of() const { return (from.rows * from.cols + threads - 1) / threads; }
@@ -49,7 +49,7 @@ struct ResizeKernel {
     }
 };
 
-/// The cotangent of the source, added to what is there.
+/// Accumulates the cotangent of the source.
 struct ResizeVjpKernel {
     static constexpr const char* name = "gradient of a resized picture";
     static constexpr int threads = 256, blocks = 4;
@@ -79,13 +79,13 @@ struct ResizeVjpKernel {
     }
 };
 
-/// Writes `to` of the shape of `from`, `factor` times the size of the resizing, a number in device
+/// Writes `to`, of the shape of `from`: `factor` times the size of the resizing, which is in device
 /// memory.
 template <class Device, class P>
 void resize_into(const Device& device, const CudaQueue& queue, const ResizeKernel<P>& kernel) {
     device.launch(queue, kernel.blocks_of(), kernel);
 }
-/// Adds the cotangent of the source of a resizing without a factor to `to`, of the shape of `g`.
+/// Adds to `to` the cotangent of the source of a resizing without a factor, of the shape of `g`.
 template <class Device>
 void resize_vjp_into(const Device& device, const CudaQueue& queue, const ResizeVjpKernel& kernel) {
     device.launch(queue, kernel.blocks_of(), kernel);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/cuda/step_images.hpp: memory of the pictures that a training step makes and of their
-/// cotangents: three renders, super-resolution of two.
+/// rye/train/cuda/step_images.hpp: memory of a training step's pictures and their cotangents: three
+/// renders, and super-resolution of two.
 #pragma once
 
 #include <rye/train/cuda/step_kernels.hpp>
@@ -12,14 +12,14 @@ struct DeviceStepImages {
     DevicePicture<float> final, face, eyes, scaled, high, eyes_high;
     float* alpha[step_renders]; ///< of final, face, eyes
     DevicePicture<float> g_final, g_face, g_eyes, g_high, g_eyes_high;
-    DevicePicture<float> g_feature; ///< what super-resolution gives a render
+    DevicePicture<float> g_feature; ///< cotangent of a render by super-resolution
 };
 
-/// Their memory.
+/// Memory of a step's pictures.
 class DeviceStepImageMemory {
   public:
-    /// For renders of `channels`, the eyes' of as many with the high-resolution eye term, else
-    /// of 3.
+    /// Returns pictures for renders of `channels`; the eyes' has as many with the high-resolution
+    /// eye term, else 3.
     template <class Device>
     DeviceStepImages of(const CudaQueue& queue, const DeviceViews<Device>& views, Index channels,
                         bool eyes_high) {

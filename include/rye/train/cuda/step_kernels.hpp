@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/cuda/step_kernels.hpp: what begins and ends a training step on a device, and what
-/// joins the gradients of its three renders. A step reads its draw from a table in device memory,
-/// so that nothing comes from the host between steps. Where memory for lists was too small, nothing
-/// is changed, by that step nor by those that follow, until the host has made room.
+/// rye/train/cuda/step_kernels.hpp: kernels that begin and end a training step on a device and join
+/// the gradients of its three renders. A step reads its draw from a table in device memory, so that
+/// nothing comes from the host between steps. If memory for lists is too small, neither that step
+/// nor the following ones change anything until the host has made room.
 #pragma once
 
 #include <cstdint>
@@ -17,28 +17,28 @@
 
 namespace rye {
 
-/// Renders of a step: of all, of the face alone, of the eyes alone.
+/// Number of renders of a step: all, the face alone, the eyes alone.
 inline constexpr int step_renders = 3;
 
-/// What the steps of a run have come to, in device memory.
+/// State of a run's steps, in device memory.
 struct DeviceStepState {
-    DeviceAdamControl control; ///< of the step under way; stop: room was too small
-    std::int64_t taken = 0;    ///< rows of the table
-    std::uint32_t refused = 0; ///< in a row, for a gradient that was not finite
-    std::uint32_t bad = DeviceAdamState::none_bad; ///< the field of the last of those
-    std::int64_t entries[step_renders] = {};       ///< the most of a render that had no room
+    DeviceAdamControl control; ///< of the current step; stop: memory was too small
+    std::int64_t taken = 0;    ///< steps taken: rows of the table
+    std::uint32_t refused = 0; ///< refused in a row, for a gradient that is not finite
+    std::uint32_t bad = DeviceAdamState::none_bad; ///< field of the last refusal
+    std::int64_t entries[step_renders] = {};       ///< most entries of each render
     std::uint32_t groups[step_renders] = {};
     std::uint32_t listed[4] = {};
-    LossReport losses; ///< of the last step that was taken
+    LossReport losses; ///< of the last step taken
 };
 
-/// The draw of the step under way, in device memory.
+/// Draw of the current step, in device memory.
 struct DeviceStepNumbers {
     DeviceViewPlace view;
     detail::Resizing scale;
     float blank[3];
 };
-/// A row of the table of draws.
+/// Row of the table of draws.
 struct DeviceStepRow {
     std::int64_t view;
     double rate;
@@ -46,7 +46,7 @@ struct DeviceStepRow {
     float blank[3];
 };
 
-/// Takes the next row.
+/// Reads the next row.
 struct BeginStepKernel {
     static constexpr const char* name = "draw of a step";
     static constexpr int threads = 128, blocks = 1;
@@ -62,7 +62,7 @@ struct BeginStepKernel {
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
         block.each_thread([&](int t) {
-            // A step that waits for room may lie behind the last row: it changes nothing.
+            // A step that waits for memory may be past the last row: it changes nothing.
             const Index at = rye::min(Index(state->taken), rows - 1);
             const DeviceStepRow& own = row[at];
             const DeviceViewPlace& place = view[own.view];
@@ -76,16 +76,16 @@ struct BeginStepKernel {
     }
 };
 
-/// Colours of what the face's render and the eyes' show: the first three features, the eyeballs of
-/// the face's render painted if it has them.
+/// Writes the colours of the face's and the eyes' renders: the first three features, with the
+/// eyeballs of the face's render painted if it has them.
 struct ShownColours {
     static constexpr const char* name = "colours of the streams";
     const float* feature; ///< of all Gaussians
-    Index channels, face; ///< of a Gaussian; Gaussians of the face, the first ones
+    Index channels, face; ///< channels of a Gaussian; Gaussians of the face, which come first
     const float* blank;
     float* of_face; ///< 3 x (face, or all if painted)
     bool painted;
-    float* of_eyes; ///< 3 x eyes, or null
+    float* of_eyes; ///< 3 x eyes; may be null
 
     RYE_DEVICE void operator()(Index i) const {
         const float* const from = feature + i * channels;
@@ -99,12 +99,12 @@ struct ShownColours {
     }
 };
 
-/// Adds the gradients of the face's render and of the eyes' to those of the joint one.
+/// Adds the gradients of the face's and of the eyes' render to those of the joint one.
 struct JoinGradients {
     static constexpr const char* name = "gradients of the three renders";
-    DeviceGaussians<float> sum;              ///< the joint render's
-    DeviceGaussians<const float> face, eyes; ///< with as many channels as their renders had
-    Index faces;                             ///< Gaussians of the face
+    DeviceGaussians<float> sum;              ///< of the joint render
+    DeviceGaussians<const float> face, eyes; ///< with as many channels as their renders
+    Index faces;                             ///< number of Gaussians of the face
     bool eyes_from_eye_terms;
 
     RYE_DEVICE void operator()(Index i) const {
@@ -135,13 +135,13 @@ struct JoinGradients {
     }
 };
 
-/// Room that a render has, and what it needed.
+/// Memory of a render and the report of its need.
 struct RenderRoom {
     const FrameReport* report;
-    std::uint32_t entries, groups; ///< that there is room for
+    std::uint32_t entries, groups; ///< capacity
 };
 
-/// Stops the step where a list had no room, and keeps how long lists were.
+/// Stops the step if a list did not fit; records the largest lengths.
 struct RoomKernel {
     static constexpr const char* name = "room of lists";
     static constexpr int threads = 32, blocks = 1;
@@ -170,7 +170,7 @@ struct RoomKernel {
     }
 };
 
-/// Keeps numbers at most as large as others.
+/// Clamps numbers to upper bounds.
 struct BoundNumbers {
     static constexpr const char* name = "bounds of scales";
     const DeviceAdamControl* control;
@@ -182,7 +182,7 @@ struct BoundNumbers {
     }
 };
 
-/// Counts the step, unless it was stopped.
+/// Counts the step unless it was stopped.
 struct EndStepKernel {
     static constexpr const char* name = "end of a step";
     static constexpr int threads = 32, blocks = 1;

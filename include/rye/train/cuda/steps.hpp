@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/cuda/steps.hpp: what DeviceAvatarTrainer is given and gives back, without its kernels:
-/// for units that no device compiler sees.
+/// rye/train/cuda/steps.hpp: inputs and results of DeviceAvatarTrainer without its kernels, for
+/// units that are not compiled for a device.
 #pragma once
 
 #include <array>
@@ -14,34 +14,34 @@
 
 namespace rye {
 
-/// A photograph of a frame with its masks, in bytes: shares of 255, pixel (x, y) in place
-/// y width + x. Sides are multiples of the factor between picture and render.
+/// Photograph of a frame with its masks, in bytes with 255 for 1, pixel (x, y) at index y width +
+/// x. Sides are multiples of the factor between picture and render.
 struct TrainingView {
     Pinhole<float> camera;             ///< of the render
-    Index frame = -1;                  ///< column of delta_pose; -1: none
+    Index frame = -1;                  ///< column of delta_pose; -1 for none
     int width = 0, height = 0;         ///< [px]
-    std::vector<std::uint8_t> rgb;     ///< 3 a pixel, over black
+    std::vector<std::uint8_t> rgb;     ///< 3 per pixel, over black
     std::vector<std::uint8_t> mask;    ///< the subject
-    std::vector<std::uint8_t> visible; ///< 0 where the picture was padded
+    std::vector<std::uint8_t> visible; ///< 0 for padding
     std::vector<std::uint8_t> eyes;    ///< both eyes
 };
 
-/// What a step of stage 2 is shown.
+/// Draw of a step of stage 2.
 struct StepDraw {
     Index view = 0;
-    bool eyes_high = true;        ///< whether it takes the high-resolution eye term
-    bool scaled = false;          ///< whether super-resolution sees a resized render ...
-    detail::Resizing scale{};     ///< ... by this
+    bool eyes_high = true;        ///< true if the step takes the high-resolution eye term
+    bool scaled = false;          ///< true if super-resolution sees a resized render
+    detail::Resizing scale{};     ///< that resizing
     std::array<float, 3> blank{}; ///< background of the face alone
     double rate = 1;              ///< factor of the learning rates
 };
 
-/// What steps have come to.
+/// Result of a run of steps.
 struct DeviceStepsReport {
     AvatarLosses<float> losses; ///< of the last step
-    Index steps = 0;            ///< taken since the trainer was made, refused ones included
-    Index refused_in_a_row = 0; ///< for a gradient that was not finite; nothing has changed then
-    std::string bad_field;      ///< of the last step, if it was refused
+    Index steps = 0;            ///< taken since the trainer was made, including refused ones
+    Index refused_in_a_row = 0; ///< for a gradient that is not finite; such steps change nothing
+    std::string bad_field;      ///< field of the last step's bad gradient, if it was refused
 };
 
 } // namespace rye

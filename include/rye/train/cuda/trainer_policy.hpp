@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/cuda/trainer_policy.hpp: how DeviceAvatarTrainer computes, and what it tells a device.
+/// rye/train/cuda/trainer_policy.hpp: compile-time choices of DeviceAvatarTrainer, and its signals
+/// to a device.
 #pragma once
 
 #include <rye/avatar/cuda/field.hpp>
@@ -7,8 +8,8 @@
 
 namespace rye {
 
-/// A trainer's way to compute: planes and widths of networks' products, numbers of channels that
-/// renders have kernels for, the rules of renders.
+/// Choices of a trainer: planes and widths of the networks' products, numbers of channels that
+/// renders have kernels for, accuracy of renders.
 template <class Networks_ = DeviceNetworks<1>, class Channels_ = KernelChannels<3, 32>,
           DeviceAccuracy A = Balanced, int upsampler_planes_ = 1>
 struct DeviceTrainerPolicy {
@@ -18,7 +19,7 @@ struct DeviceTrainerPolicy {
     static constexpr int upsampler_planes = upsampler_planes_;
 };
 
-/// A device that is told where parts of a step end on the stream, as train/probe.hpp has them.
+/// A device that is told where the parts of a step end on the stream, as in train/probe.hpp.
 template <class D>
 concept ProbedDevice = requires(const D& device, const CudaQueue& queue, const char* part) {
     device.probe(queue, part);

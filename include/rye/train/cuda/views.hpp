@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/cuda/views.hpp: the pictures of a training in device memory: as bytes, all of them,
-/// once; and those of one step as floats, on the final background, at full size and at that of the
-/// render, as train/samples.hpp has them. Which view a step shows is read on the device.
+/// rye/train/cuda/views.hpp: pictures of a training in device memory: all of them once, as bytes;
+/// those of a step as floats, on the final background, at full size and at the render's, as in
+/// train/samples.hpp. The view that a step shows is read on the device.
 #pragma once
 
 #include <cstdint>
@@ -16,25 +16,25 @@
 
 namespace rye {
 
-/// Where a view lies in device memory.
+/// Arrays of a view in device memory.
 struct DeviceViewPlace {
     const std::uint8_t *rgb, *mask, *visible, *eyes;
-    const float* drivers; ///< as DriverPlaces packs them
+    const float* drivers; ///< packed by DriverPlaces
 };
 
-/// Pictures of a step in floats. Full size: W x H; small: of the render.
+/// Pictures of a step in floats; full size: W x H; small: the render's size.
 struct DeviceStepPictures {
-    float *truth, *visible, *eyes;                                ///< 3, 1 and 1 a pixel
-    float *truth_small, *visible_small, *eyes_small, *mask_small; ///< 3, 1, 1 and 1 a pixel
+    float *truth, *visible, *eyes;                                ///< 3, 1 and 1 per pixel
+    float *truth_small, *visible_small, *eyes_small, *mask_small; ///< 3, 1, 1 and 1 per pixel
 };
 
-/// Pixel i of the render, and the factor x factor pixels of the picture that it covers.
+/// Writes pixel i of the render, and the factor x factor pixels of the picture that it covers.
 struct StepPicturesAt {
     static constexpr const char* name = "pictures of a step";
     const DeviceViewPlace* view; ///< in device memory
     DeviceStepPictures to;
-    int width;  ///< of the picture [px]
-    int factor; ///< between picture and render
+    int width;  ///< width of the picture [px]
+    int factor; ///< picture size over render size
 
     RYE_DEVICE void operator()(Index i) const {
         const DeviceViewPlace from = *view;
@@ -66,16 +66,16 @@ struct StepPicturesAt {
     }
 };
 
-/// The views of a training, resident, and the pictures of the step under way.
+/// Resident views of a training, and the pictures of the current step.
 template <class Device>
 class DeviceViews {
   public:
-    /// `factor`: how many times the picture is as large as the render.
+    /// factor: picture size over render size.
     DeviceViews(const Device& device, int factor) : device_(device), factor_(factor) {
         require(factor >= 1, "DeviceViews", "factor is ", factor, ", expected 1 or more");
     }
 
-    /// Takes a view and what drives its frame (packed by DriverPlaces); returns its number. Waits.
+    /// Adds a view and its frame's drivers (packed by DriverPlaces); returns its number; waits.
     /// Throws an Error for arrays of another size, sides that the factor does not divide, and a
     /// size that differs from the first view's.
     Index add(const CudaQueue& queue, const TrainingView& view, const std::vector<float>& drivers) {
@@ -83,7 +83,7 @@ class DeviceViews {
         const std::size_t pixels = view.mask.size(), floats = drivers.size() * sizeof(float);
         auto& own = *kept_.emplace_back(std::make_unique<DeviceBuffer<std::uint8_t>>());
         own.reserve(queue, floats + 6 * pixels);
-        std::uint8_t* at = own.data(); // floats first: they are aligned there
+        std::uint8_t* at = own.data(); // floats come first, to be aligned
         const auto send = [&](const void* from, std::size_t bytes) {
             device_.send(queue, at, from, bytes);
             at += bytes;
@@ -100,8 +100,8 @@ class DeviceViews {
         return static_cast<Index>(places_.size()) - 1;
     }
 
-    /// Takes all views of another one, of the same factor, which has none then; this one has none
-    /// before. Memory of a step's pictures stays the other's.
+    /// Moves all views of another object of the same factor to this one, which must be empty. The
+    /// other keeps the memory of its step's pictures.
     void take(DeviceViews& from) {
         RYE_ASSERT(count() == 0 && factor_ == from.factor_, "DeviceViews: cannot take the views");
         kept_ = std::exchange(from.kept_, {});
@@ -114,15 +114,15 @@ class DeviceViews {
 
     Index count() const { return static_cast<Index>(places_.size()); }
     int factor() const { return factor_; }
-    int width() const { return width_; }   ///< of the pictures [px]
-    int height() const { return height_; } ///< [px]
+    int width() const { return width_; }   ///< width of the pictures [px]
+    int height() const { return height_; } ///< height of the pictures [px]
     Index pixels() const { return Index(width_) * height_; }
     Index small_pixels() const { return pixels() / (Index(factor_) * factor_); }
     const Pinhole<float>& camera(Index view) const {
         return cameras_[static_cast<std::size_t>(view)];
     }
 
-    /// Where each view lies, in device memory. Waits where views were added since.
+    /// Returns the views' arrays, in device memory; waits if views were added since the last call.
     const DeviceViewPlace* places(const CudaQueue& queue) {
         if (sent_ != places_.size()) {
             table_.reserve(queue, places_.size());
@@ -133,7 +133,7 @@ class DeviceViews {
         return table_.data();
     }
 
-    /// Puts the pictures of a view, whose place is read on the device, on the stream.
+    /// Enqueues the float pictures of a view, whose arrays are read on the device.
     const DeviceStepPictures& into(const CudaQueue& queue, const DeviceViewPlace* view) {
         const std::size_t full = static_cast<std::size_t>(pixels()),
                           small = static_cast<std::size_t>(small_pixels());
@@ -150,13 +150,13 @@ class DeviceViews {
         return pictures_;
     }
 
-    /// Memory of resident pictures [bytes].
+    /// Returns the memory of resident pictures [bytes].
     std::size_t resident_bytes() const {
         std::size_t sum = table_.bytes();
         for (const auto& k : kept_) sum += k->bytes();
         return sum;
     }
-    /// ... and of a step's.
+    /// Returns the memory of resident pictures and of a step's [bytes].
     std::size_t bytes() const { return resident_bytes() + floats_.bytes(); }
 
   private:

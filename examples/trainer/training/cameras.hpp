@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+/// training/cameras.hpp: detection and correction, before a training, of cameras whose pose or
+/// focal length is wrong, by the eyes in their pictures, which are not at the position that labels
+/// and camera give. Cameras that are right to within the bound keep their bits. The result is the
+/// position of the head in a camera's pictures: a rotation and a shift with the same effect share
+/// it. Source: training/camera_fit.hpp; docs/refine.md.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "data/capture.hpp"
+#include "data/config.hpp"
+
+namespace rye::trainer {
+
+/// Finding about one camera.
+struct CameraFinding {
+    std::string camera;
+    int irises = 0;       ///< number found in its pictures
+    double off = 0;       ///< displacement of the head's landmarks, RMS over frames [mm]
+    double pixels = 0;    ///< displacement in its pictures [px]
+    bool wrong = false;   ///< true above the bound: corrected
+    double before = 0;    ///< median distance of irises from their expected positions [px]
+    double after = 0;     ///< the same for the corrected camera [px]
+    double turn = 0;      ///< rotation of the correction [deg]
+    double shift = 0;     ///< motion of its centre by the correction [mm]
+    double focal = 0;     ///< change of its focal lengths by the correction [%]
+};
+
+/// Findings about all cameras.
+struct CameraFindings {
+    std::vector<CameraFinding> all;
+    double bound = 0;                    ///< bound on CameraFinding::off [mm]
+    std::vector<std::string> not_judged; ///< sentences: cameras, and the reasons
+
+    bool empty() const { return all.empty() && not_judged.empty(); }
+    std::vector<std::string> lines() const;
+    nlohmann::ordered_json json() const;
+};
+
+/// Judges the cameras of a capture with gazes by its training frames. Corrects wrong ones in all of
+/// its frames in which they have the same numbers. Deterministic: the same capture gives the same
+/// bits.
+CameraFindings correct_cameras(Capture& capture, const TrainConfig& config);
+
+} // namespace rye::trainer

@@ -1,0 +1,277 @@
+// SPDX-License-Identifier: Apache-2.0
+// Cameras of a rendered capture with errors put in, against the right ones: which are found to be
+// wrong, and how near the head comes in their pictures to where it is.
+#include "training/cameras.hpp"
+
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include <doctest/doctest.h>
+
+#include <rye/math/rotation.hpp>
+
+#include "../support/hostile.hpp"
+#include "data/changed_labels.hpp"
+#include "data/corrected_cameras.hpp"
+#include "data/flaws.hpp"
+#include "data/samples.hpp"
+#include "data/threads.hpp"
+#include "synthetic_capture/scene.hpp"
+#include "training/camera_fit.hpp"
+
+using namespace rye;
+using namespace rye::trainer;
+namespace fs = std::filesystem;
+
+namespace {
+
+/// A capture whose cameras are right, written once.
+struct Right {
+    TemporaryFolder folder;
+    fs::path path = folder.path / "right";
+    Capture capture;
+    Right() {
+        const CaptureSettings settings{.size = 256,
+                                       .cameras = 6,
+                                       .train_frames = 12,
+                                       .novel_frames = 2,
+                                       .independent_frames = 0,
+                                       .samples = 1};
+        const HeadModel head = procedural_head(1);
+        write_capture(head, capture_scene(head, settings), path, [](int, int) {});
+        capture = read_capture(path);
+    }
+};
+const Right& right() {
+    static const Right made;
+    return made;
+}
+
+/// A copy with cameras that are half a degree an axis and 1 % of focal length off.
+struct Flawed {
+    TemporaryFolder folder;
+    Capture capture;
+
+    explicit Flawed(std::uint64_t seed, FlawedFrames frames = FlawedFrames::train,
+                    bool gazes = false) {
+        FlawOptions o;
+        o.capture = right().path;
+        o.out = folder.path / "flawed";
+        o.seed = seed;
+        o.labels = frames;
+        o.sizes[Flaw::camera_rotation] = 0.5;
+        o.sizes[Flaw::focal] = 1;
+        if (gazes) {
+            o.sizes[Flaw::gaze_common] = 4;
+            o.sizes[Flaw::gaze_single] = 2;
+            o.sizes[Flaw::centres] = 1.2;
+        }
+        write_flawed(o);
+        capture = read_capture(o.out);
+    }
+};
+
+/// Mean distance at which two captures' cameras of this index show the head's landmarks [px].
+double apart(const Capture& a, const Capture& b, int camera, const std::vector<int>& frames) {
+    double sum = 0, count = 0;
+    for (const int f : frames) {
+        const Columns<double> world = frame_landmarks(right().capture, f);
+        for (Index l = 0; l < world.cols(); ++l) {
+            const Vec3<double> x = world.col(l);
+            sum += (a.camera(f, camera).project_point(x) - b.camera(f, camera).project_point(x))
+                       .head<2>()
+                       .norm();
+            ++count;
+        }
+    }
+    return sum / count;
+}
+double apart(const Capture& a, const Capture& b, const std::vector<int>& frames) {
+    double sum = 0;
+    for (int c = 0; c < a.camera_count(); ++c) sum += apart(a, b, c, frames);
+    return sum / a.camera_count();
+}
+
+bool same_cameras(const Capture& a, const Capture& b) {
+    bool same = a.views.size() == b.views.size();
+    for (std::size_t v = 0; same && v < a.views.size(); ++v)
+        same = same_numbers(a.views[v].camera, b.views[v].camera);
+    return same;
+}
+
+} // namespace
+
+TEST_CASE("cameras: right ones stay as they are, to the bit") {
+    Capture c = read_capture(right().path);
+    const CameraFindings found = correct_cameras(c, preset("cpu"));
+    CHECK(found.not_judged.empty());
+    REQUIRE(found.all.size() == 6);
+    for (const CameraFinding& f : found.all) {
+        CAPTURE(f.camera);
+        MESSAGE("camera ", f.camera, ": ", f.off, " mm, ", f.pixels, " px, irises ", f.irises);
+        CHECK(!f.wrong);
+        CHECK(f.off < found.bound);
+    }
+    CHECK(c.corrected_cameras.empty());
+    CHECK(same_cameras(c, right().capture));
+    CHECK(found.lines().size() == 1);
+}
+
+TEST_CASE("cameras: wrong ones show the head where it is once they are corrected") {
+    for (const bool gazes : {false, true}) {
+        const Flawed flawed(gazes ? 2 : 1, FlawedFrames::train, gazes);
+        Capture c = read_capture(flawed.capture.folder);
+        const CameraFindings found = correct_cameras(c, preset("cpu"));
+        const double before = apart(flawed.capture, right().capture, c.train),
+                     after = apart(c, right().capture, c.train);
+        MESSAGE("the head is shown ", before, " px off, then ", after,
+                std::string(gazes ? ", with gazes off" : ""));
+        CHECK(before > 5);
+        CHECK(after < 1);
+        CHECK(c.corrected_cameras.size() == found.lines().size() - 1);
+        for (int k = 0; k < c.camera_count(); ++k) {
+            const double was = apart(flawed.capture, right().capture, k, c.train),
+                         is = apart(c, right().capture, k, c.train);
+            CAPTURE(k);
+            CAPTURE(was);
+            CAPTURE(is);
+            CHECK((is < was / 3 || is < 1.5));
+        }
+        for (const CameraFinding& f : found.all)
+            if (f.wrong) CHECK(f.after < f.before);
+        // Those of test frames have no error.
+        CHECK(apart(c, right().capture, c.test) == 0);
+        // Labels of frames stay.
+        for (std::size_t f = 0; f < c.frames.size(); ++f)
+            CHECK(c.frames[f].eyes[0].optical == flawed.capture.frames[f].eyes[0].optical);
+    }
+}
+
+TEST_CASE("cameras: the number of threads changes no bit, and test frames share a calibration") {
+    const Flawed flawed(1, FlawedFrames::all);
+    Capture one = read_capture(flawed.capture.folder), more = read_capture(flawed.capture.folder);
+    set_threads(1);
+    const CameraFindings found = correct_cameras(one, preset("cpu"));
+    set_threads(3);
+    CHECK(correct_cameras(more, preset("cpu")).lines() == found.lines());
+    set_threads(0);
+    CHECK(same_cameras(one, more));
+    CHECK(apart(flawed.capture, right().capture, one.test) > 5);
+    CHECK(apart(one, right().capture, one.test) < 1);
+}
+
+TEST_CASE("cameras: what is not seen, too few frames and moving cameras change nothing") {
+    const Flawed flawed(1);
+    const int hidden = 2, moving = 4;
+    Capture c = read_capture(flawed.capture.folder);
+    for (std::size_t i = 2; i < c.train.size(); ++i)
+        c.views[static_cast<std::size_t>(c.train[i] * c.camera_count() + hidden)].present = false;
+    c.views[static_cast<std::size_t>(c.train[3] * c.camera_count() + moving)].camera.fx += 1;
+    const CameraFindings found = correct_cameras(c, preset("cpu"));
+    REQUIRE(found.not_judged.size() == 2);
+    CHECK(found.not_judged[0] == "camera " + c.camera_ids[moving] +
+                                     ": its numbers differ between training frames");
+    CHECK(found.not_judged[1] == "camera " + c.camera_ids[hidden] +
+                                     ": its pictures show 4 eyes, 6 are needed");
+    CHECK(found.all.size() == 4);
+    CHECK(!c.corrected_cameras.empty());
+    for (const int k : {hidden, moving})
+        CHECK(same_numbers(c.camera(c.train[0], k), flawed.capture.camera(c.train[0], k)));
+
+    Capture few = read_capture(flawed.capture.folder);
+    few.train.resize(5);
+    CHECK(correct_cameras(few, preset("cpu")).lines() ==
+          std::vector<std::string>{
+              "cameras: 5 training frames say too little about them, 6 are needed"});
+    CHECK(same_cameras(few, flawed.capture));
+
+    Capture blind = read_capture(flawed.capture.folder);
+    blind.has_eye_masks = false;
+    REQUIRE(correct_cameras(blind, preset("cpu")).not_judged.size() == 1);
+    CHECK(same_cameras(blind, flawed.capture));
+}
+
+TEST_CASE("cameras: eyes that all cameras show elsewhere in the head alike are labels' errors") {
+    Capture c = read_capture(right().path);
+    for (CaptureFrame& f : c.frames) {
+        const Vec3<double> off =
+            so3_exp(Vec3<double>(f.pose.head<3>())) * Vec3<double>(0.04, 0.03, 0);
+        for (CaptureEye& eye : f.eyes) eye.centre = *eye.centre + off;
+        for (int e = 0; e < 2; ++e)
+            for (const int l : eye_landmarks(e)) f.landmarks.col(l) += off;
+    }
+    const CameraFindings found = correct_cameras(c, preset("cpu"));
+    REQUIRE(found.not_judged.size() == 1);
+    CHECK(found.not_judged[0].starts_with("cameras: all of them show the eyes"));
+    for (const CameraFinding& f : found.all) CHECK(!f.wrong);
+    CHECK(c.corrected_cameras.empty());
+    CHECK(same_cameras(c, right().capture));
+}
+
+TEST_CASE("cameras: those of a run are taken where a capture has exactly the wrong numbers") {
+    const Flawed flawed(1);
+    Capture c = read_capture(flawed.capture.folder);
+    correct_cameras(c, preset("cpu"));
+    REQUIRE(!c.corrected_cameras.empty());
+    const TemporaryFolder run;
+    save_corrected_cameras(run.path, c.corrected_cameras);
+    const std::vector<CorrectedCamera> kept = load_corrected_cameras(run.path);
+
+    Capture again = read_capture(flawed.capture.folder), clean = read_capture(right().path);
+    CHECK(take_corrected(again, kept) == static_cast<int>(c.corrected_cameras.size()));
+    CHECK(same_cameras(again, c));
+    CHECK(again.corrected_cameras.size() == c.corrected_cameras.size());
+    CHECK(take_corrected(clean, kept) == 0);
+    CHECK(same_cameras(clean, right().capture));
+
+    // A copy of the capture with these, on disk.
+    const fs::path out = run.path / "out";
+    write_changed_capture(flawed.capture.folder, out, {}, HeadPoints::kept, {{}, kept});
+    CHECK(same_cameras(read_capture(out), c));
+
+    const fs::path file = corrected_cameras_path(run.path);
+    std::ofstream(file) << R"({"cameras": [{"camera": "05", "wrong": {"intrinsic": [1, 2]}}]})";
+    CHECK_FAULT(load_corrected_cameras(run.path), "camera 05: right");
+    std::ofstream(file) << R"({"cameras": [{"camera": "05", "wrong": {"intrinsic": [1, 2]},)"
+                        << R"( "right": {}}]})";
+    CHECK_FAULT(load_corrected_cameras(run.path), "camera 05: wrong: intrinsic");
+    save_corrected_cameras(run.path, {});
+    CHECK(!fs::exists(file));
+    CHECK(load_corrected_cameras(run.path).empty());
+}
+
+TEST_CASE("cameras: points that pictures show displaced turn, shift and scale a camera") {
+    const Vec3<double> middle(0, 0, 0), up(0, 1, 0);
+    std::vector<Pinhole<double>> is, truth;
+    CameraChange by;
+    by.turn = Vec3<double>(0.006, -0.004, 0.003);
+    by.log_focal = 0.006;
+    for (const double x : {-4.0, 0.0, 4.0, 8.0}) {
+        is.push_back(look_at(Vec3<double>(x, 1, 9), middle, up, 0.3, {256, 256}));
+        truth.push_back(x == 4 ? changed(is.back(), by) : is.back());
+    }
+    Columns<double> points(3, 40);
+    for (int p = 0; p < 40; ++p)
+        points.col(p) = Vec3<double>(0.4 * (p % 5) - 0.8, 0.5 * (p / 20) - 0.2, 0.1 * (p % 7));
+    std::vector<SeenPoint> seen;
+    for (int c = 0; c < 3; ++c) // the last sees none
+        for (int p = 0; p < static_cast<int>(points.cols()); ++p) {
+            Vec2<double> at = truth[static_cast<std::size_t>(c)]
+                                  .project_point(Vec3<double>(points.col(p)))
+                                  .head<2>();
+            if (p % 10 == c) at += (p % 20 == c ? 1 : -1) * Vec2<double>(20, -15); // no iris
+            seen.push_back({c, p, at, 0.3});
+        }
+    const CameraFit fit = fit_cameras(is, points, seen);
+    REQUIRE(fit.changes.size() == 4);
+    CHECK(fit.changes[3].turn.norm() == 0);
+    CHECK(fit.changes[3].log_focal == 0);
+    for (std::size_t c = 0; c < 3; ++c) {
+        const Pinhole<double> found = changed(is[c], fit.changes[c]);
+        for (Index p = 0; p < points.cols(); ++p) {
+            const Vec3<double> x = points.col(p);
+            CHECK((found.project_point(x) - truth[c].project_point(x)).head<2>().norm() < 0.3);
+        }
+    }
+}
