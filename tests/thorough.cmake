@@ -218,9 +218,13 @@ endforeach()
 
 # ---- more projects that use rye -------------------------------------------------------------------
 if(RYE_INSTALL)
+  set(program)
+  if(TARGET rye_program)
+    set(program $<TARGET_FILE:rye_program>)
+  endif()
   foreach(way find_package fetch_content)
-    rye_check(consumer_${way} consumer/consumer.sh ${way} ${PROJECT_SOURCE_DIR}
-              ${PROJECT_BINARY_DIR} ${CMAKE_COMMAND} ${CMAKE_GENERATOR} ${CMAKE_CXX_COMPILER})
+    rye_check(consumer_${way} consumer/consumer.sh ${way} ${PROJECT_SOURCE_DIR} ${PROJECT_BINARY_DIR}
+              ${CMAKE_COMMAND} ${CMAKE_GENERATOR} ${CMAKE_CXX_COMPILER} ${program})
   endforeach()
   find_program(RYE_PKG_CONFIG pkg-config)
   if(RYE_PKG_CONFIG)

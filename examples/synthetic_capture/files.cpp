@@ -109,14 +109,18 @@ void write_params(const fs::path& folder, const HeadModel& model, const CaptureS
     write_arrays(folder / "gaze.npz", gaze);
 }
 
-/// Writes one view; returns the pixels of left and right eye.
+/// Writes one view, its images as PNG or JPEG; returns the pixels of left and right eye.
 std::array<int, 2> write_view(const fs::path& folder, const std::string& camera,
-                              const HeadPicture& picture) {
+                              const HeadPicture& picture, bool png) {
     const auto file = [&](const char* stem, const char* suffix) {
         return folder / (stem + camera + suffix);
     };
-    write_jpeg(file("image_", ".jpg"), to_8bit(picture.image), jpeg_quality);
-    write_jpeg(file("image_lowres_", ".jpg"), to_8bit(halved(picture.image)), jpeg_quality);
+    const auto write_image = [&](const char* stem, const Image8& image) {
+        if (png) write_png(file(stem, ".png"), image);
+        else write_jpeg(file(stem, ".jpg"), image, jpeg_quality);
+    };
+    write_image("image_", to_8bit(picture.image));
+    write_image("image_lowres_", to_8bit(halved(picture.image)));
     write_png(file("mask_", ".png"), picture.mask);
     write_png(file("mask_lowres_", ".png"), halved(picture.mask));
     Image8 eyes{picture.mask.width, picture.mask.height, 1, {}};
@@ -286,7 +290,8 @@ void write_capture(const HeadModel& model, const CaptureScene& scene, const fs::
             const SceneCamera& c = scene.cameras[static_cast<std::size_t>(i)];
             write_camera(cameras / ("camera_" + c.id + ".npz"), c.camera);
             pixels[static_cast<std::size_t>(i)] =
-                write_view(images, c.id, head.picture(c.camera, scene.settings.samples));
+                write_view(images, c.id, head.picture(c.camera, scene.settings.samples),
+                           scene.settings.png);
         };
         program_threads().run(static_cast<Index>(scene.cameras.size()), render);
         write_params(params, model, scene, f, head);

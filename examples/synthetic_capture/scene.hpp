@@ -28,6 +28,7 @@ struct CaptureSettings {
     /// Bound of the distance by which expression and head pose displace an eyeball in the head [mm],
     /// where a unit is 100 mm; 0: eyeballs only rotate.
     double eye_translation_mm = 0;
+    bool png = false;           ///< images are written as PNG, else as JPEG
 };
 
 /// A camera of the rig.

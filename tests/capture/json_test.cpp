@@ -123,3 +123,19 @@ TEST_CASE("json: depth is bounded") {
     CHECK_FAULT(parse(nested(66)), "deeper than 64");
     CHECK_FAULT(parse(std::string(1000000, '[')), "deeper than 64");
 }
+
+TEST_CASE("json: a value as text on one line") {
+    const std::string text = R"({"a":[1,-0.5,true,false,null],"b\"":{},"c":"d"})";
+    CHECK(json_text(parse_json(text, "a")) == text);
+    CHECK(json_text(parse_json(" [ 64 , 64.0 ] ", "a")) == "[64,64]");
+}
+
+TEST_CASE("json: texts that are not UTF-8") {
+    for (const char* good : {"", "a", "\xC3\xA4", "\xE2\x82\xAC", "\xF0\x9F\x99\x82",
+                             "\xED\x9F\xBF", "\xF4\x8F\xBF\xBF"})
+        CHECK_NOTHROW(require_utf8(good, "a"));
+    for (const char* bad : {"\x80", "\xC0\x80", "\xC3", "\xE0\x80\x80", "\xED\xA0\x80",
+                            "\xF0\x80\x80\x80", "\xF4\x90\x80\x80", "\xF5\x80\x80\x80",
+                            "\xE2\x82"})
+        CHECK_FAULT(require_utf8(std::string("ab") + bad, "a.json"), "a.json: its byte 2 begins");
+}

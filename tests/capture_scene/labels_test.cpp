@@ -13,7 +13,6 @@
 
 #include "../support/hostile.hpp"
 #include "data/flaws.hpp"
-#include "data/srgb.hpp"
 #include "synthetic_capture/scene.hpp"
 #include "training/camera_colours.hpp"
 #include "training/gaze_estimator.hpp"
@@ -337,7 +336,7 @@ double colours_apart(const Capture& c) {
     for (int k = 0; k < c.camera_count(); ++k) {
         Vec3<double> here = Vec3<double>::Zero(), there = here;
         const auto light = [](const Image<float>& picture) {
-            const Columns<double> all = picture.pixels.cast<double>().unaryExpr(&linear);
+            const Columns<double> all = picture.pixels.cast<double>().unaryExpr(&linear_from_srgb);
             return Vec3<double>(all.rowwise().sum());
         };
         for (int f = 0; f < c.frame_count(); f += 3) {

@@ -1,11 +1,11 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# consumer.sh WAY SOURCE_DIR BUILD_DIR CMAKE GENERATOR COMPILER: a project of a user's, which gets
-# rye by WAY (find_package or pkg_config after an install, add_subdirectory or fetch_content), builds
-# the program that README.md shows, and runs it. By find_package also the programs with a user's own
-# parts.
+# consumer.sh WAY SOURCE_DIR BUILD_DIR CMAKE GENERATOR COMPILER [RYE]: a project of a user's, which
+# gets rye by WAY (find_package or pkg_config after an install, add_subdirectory or fetch_content),
+# builds the program that README.md shows, and runs it. By find_package also the programs with a
+# user's own parts; one of them trains on a capture, which the program RYE makes if it is given.
 set -eu
-way=$1 source=$2 build=$3 cmake=$4 generator=$5 cxx=$6
+way=$1 source=$2 build=$3 cmake=$4 generator=$5 cxx=$6 rye=${7:-}
 work=$build/tests/consumer_$way
 rm -rf "$work"
 mkdir -p "$work/project"
@@ -14,7 +14,9 @@ awk '/^```cpp/ { inside = 1; next } /^```/ { if (inside) exit } inside' "$source
     > "$work/project/main.cpp"
 [ -s "$work/project/main.cpp" ] || { echo "README.md shows no C++ program"; exit 1; }
 if [ "$way" = find_package ]; then
-    cp "$source/tests/consumer/redirect.cpp" "$source/tests/consumer/parts.cpp" "$work/project/"
+    for program in redirect parts own_part; do
+        cp "$source/tests/consumer/$program.cpp" "$work/project/"
+    done
     "$cmake" --install "$build" --prefix "$work/prefix" --component Unspecified > "$work/install.txt"
 fi
 if [ "$way" = pkg_config ]; then
@@ -35,4 +37,13 @@ fi
 "$cmake" --build "$work/build"
 cd "$work/build"
 ./consumer
-[ "$way" != find_package ] || { ./redirect && ./parts; }
+[ "$way" = find_package ] || exit 0
+./redirect
+./parts
+if [ -n "$rye" ]; then
+    "$rye" capture --out capture --frames 2 --test-frames 0 --apart-frames 0 --cameras 3 --size 64 \
+        --samples 1 --png --quiet
+    ./own_part capture
+fi
+! ./own_part missing 2> said.txt || { echo "own_part reads what is not there"; exit 1; }
+grep -q "missing: no such folder" said.txt || { cat said.txt; exit 1; }

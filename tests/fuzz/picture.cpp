@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/fuzz/picture.cpp: any bytes as a PNG or JPEG. Corrects the checksums of a PNG's chunks
+/// tests/fuzz/picture.cpp: any bytes as a PNG or JPEG, for the program and for the headers. Corrects the checksums of a PNG's chunks
 /// first, so that changed chunks are decoded and not only rejected.
 #include "fuzz.hpp"
 
 #include <rye/capture/inflate.hpp>
+#include <rye/capture/png.hpp>
 
 #include "data/picture.hpp"
 
@@ -23,5 +24,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         at += 12 + length;
     }
     fuzz::attempt([&] { trainer::decode_image(bytes, fuzz::name, 3); });
+    fuzz::attempt([&] { parse_png(bytes, fuzz::name); });
     return 0;
 }

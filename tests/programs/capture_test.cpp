@@ -4,10 +4,14 @@
 #include "data/capture.hpp"
 
 #include <filesystem>
+#include <fstream>
 #include <string>
 #include <utility>
 
 #include <doctest/doctest.h>
+
+#include <rye/capture/png.hpp>
+#include <rye/capture/read_capture.hpp>
 
 #include "../support/hostile.hpp"
 #include "tiny_capture.hpp"
@@ -119,21 +123,49 @@ TEST_CASE("capture: a photograph is multiplied by its mask, a premultiplied imag
 TEST_CASE("capture: the cache keeps its budget, and a moved capture keeps its cache") {
     const TemporaryFolder folder;
     const TinyCapture tiny(folder.path);
-    CaptureOptions options;
-    options.cache_bytes = 48 * 48 * 8; // two colour images, or one and more masks
-    Capture first = read_capture(folder.path, options);
+    const std::size_t budget = 48 * 48 * 8; // two colour images, or one and more masks
+    Capture first = rye::read_capture(folder.path, ImageCache(budget));
     for (int round = 0; round < 2; ++round)
         for (int f = 0; f < 4; ++f)
             for (int k = 0; k < 3; ++k) {
                 const auto expected = static_cast<float>(100 + 10 * f + k) / 255.0f;
                 CHECK(first.image(f, k).at(24, 24)[0] == expected);
-                CHECK(first.cache.bytes() <= options.cache_bytes);
+                CHECK(first.pictures.bytes() <= budget);
             }
     const Capture c = std::move(first);
-    CHECK(c.cache.bytes() > 0);
+    CHECK(c.pictures.bytes() > 0);
     fs::remove(tiny.image(3, 2));
     CHECK(c.image(3, 2).at(24, 24)[0] == 132 / 255.0f); // still held
     CHECK(c.image(0, 0).at(24, 24)[0] == 100 / 255.0f);
+}
+
+TEST_CASE("capture: the headers alone read the same pixels") {
+    const TemporaryFolder folder;
+    const TinyCapture tiny(folder.path);
+    const Capture ours = read_capture(folder.path);
+    const auto theirs = rye::read_capture(folder.path, PngFiles{});
+    CHECK(theirs.camera_ids == ours.camera_ids);
+    CHECK(theirs.width == 48);
+    for (int f = 0; f < 4; ++f)
+        for (int k = 0; k < 3; ++k) {
+            CHECK(theirs.image(f, k).pixels == ours.image(f, k).pixels);
+            CHECK(theirs.mask(f, k).pixels == ours.mask(f, k).pixels);
+            CHECK(theirs.eye_mask(f, k).pixels == ours.eye_mask(f, k).pixels);
+        }
+    fs::rename(tiny.image(0, 0), folder.path / "images/0000/image_c0.jpg");
+    CHECK_NOTHROW(rye::read_capture(folder.path, PngFiles{})); // by its content
+    std::ofstream(folder.path / "images/0000/image_c0.jpg") << "\xff\xd8\xff";
+    CHECK_FAULT(rye::read_capture(folder.path, PngFiles{}), "image_c0.jpg: not a PNG");
+}
+
+TEST_CASE("capture: a capture.json that begins with a mark of UTF-8, or is not UTF-8") {
+    const TemporaryFolder folder;
+    const TinyCapture tiny(folder.path);
+    tiny.write_text("capture.json", "\xEF\xBB\xBF{\"subject\": \"t\"}");
+    CHECK(read_capture(folder.path).subject == "t");
+    tiny.write_text("capture.json", "{\"subject\": \"\xFF\"}");
+    CHECK_FAULT(read_capture(folder.path),
+                "capture.json: its byte 13 begins no character of UTF-8");
 }
 
 TEST_CASE("capture: splits from capture.json") {

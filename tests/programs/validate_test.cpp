@@ -229,7 +229,7 @@ TEST_CASE("validate: capture.json that does not hold") {
     check_error("without slashes", json(R"({"train_frames": ["../0001"]})"));
     check_error("got 7, expected a name", json(R"({"train_frames": [7]})"));
     check_error("expected a list of names", json(R"({"train_frames": "0001"})"));
-    check_error("capture.json: not JSON", json("{\"train_frames\": ["));
+    check_error("capture.json: JSON at byte 18: expected a value", json("{\"train_frames\": ["));
     check_error("capture.json: expected an object", json("[]"));
     check_error("image_size: got [64,64], but the images have 48 x 48",
                 json(R"({"image_size": [64, 64]})"));

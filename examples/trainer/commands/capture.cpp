@@ -106,6 +106,7 @@ void add_capture(CLI::App& app) {
     c->add_option("--eye-translation", s.eye_translation_mm,
                   "Expression and head pose displace the eyeballs in the head, by less than this [mm]")
         ->capture_default_str();
+    c->add_flag("--png", s.png, "Images as PNG without loss, which rye's headers read; else JPEG");
     c->add_option("--model", o->model,
                   "The ICT face model (light) as an npz with names.json beside it, instead of "
                   "rye's own head");

@@ -11,6 +11,7 @@
 
 #include <rye/avatar/config.hpp>
 #include <rye/nn/upsampler.hpp>
+#include <rye/rig/gaze.hpp>
 #include <rye/train/settings.hpp>
 
 namespace rye::trainer {
@@ -73,10 +74,9 @@ struct AvatarTrainConfig {
     int planes = 1;
 };
 
-/// Axis of an eye that the gazes of a run refer to: the eyeball's optical axis, or the line of
-/// sight, which differs by a constant per person. With visual axes stage 2 trains an avatar with
-/// the effect Kappa, which learns that constant from 0.
-enum class GazeAxis { optical, visual };
+/// Axis of an eye that the gazes of a run refer to. With visual axes stage 2 trains an avatar with
+/// the effect Kappa, which learns their difference to the optical ones from 0.
+using rye::GazeAxis;
 
 /// Dependence of an eye on its gaze: the paper's rotation of the eyeball, and mechanisms to compare
 /// it with (rye/rig/gaze_mechanisms.hpp, rye/rig/gaze_features.hpp). With `none` the eyeballs do

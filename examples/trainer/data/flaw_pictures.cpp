@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-#include "data/srgb.hpp"
+#include <rye/math/srgb.hpp>
 
 namespace rye::trainer {
 namespace {
@@ -53,7 +53,8 @@ double coverage(const Image8* mask, Index i) {
 /// out.
 Vec3<double> stored(const Vec3<double>& light, double alpha) {
     Vec3<double> v;
-    for (const int c : {0, 1, 2}) v[c] = 255 * alpha * std::min(1.0, srgb(std::max(0.0, light[c])));
+    for (const int c : {0, 1, 2})
+        v[c] = 255 * alpha * std::min(1.0, srgb_from_linear(std::max(0.0, light[c])));
     return v;
 }
 
@@ -83,7 +84,7 @@ void flaw_light(Image<float>& values, const Image8* mask, const LightFlaws& flaw
         for (const int c : {0, 1, 2})
             if (alpha > 0)
                 light.pixels(c, i) =
-                    static_cast<float>(linear(values.pixels(c, i) / (255 * alpha)));
+                    static_cast<float>(linear_from_srgb(values.pixels(c, i) / (255 * alpha)));
     }
     if (flaws.blur > 0) blur_light(light, values, mask, flaws.blur, sums[Flaw::blur]);
     const double cx = values.width / 2.0, cy = values.height / 2.0;

@@ -34,28 +34,6 @@ ImageHeader parse_header(ByteSpan bytes, const std::string& who) {
     return is_png(bytes) ? png_header(bytes, who) : jpeg_header(bytes, who);
 }
 
-/// Returns the image with other channels, without alpha: grey from colour by Rec. 601 weights,
-/// colour from grey by repetition.
-Image8 with_channels(Image8 image, int channels) {
-    if (channels == 0 || channels == image.channels) return image;
-    Image8 out{image.width, image.height, channels, {}};
-    const std::size_t pixels = std::size_t(image.width) * std::size_t(image.height);
-    const auto from_channels = static_cast<std::size_t>(image.channels);
-    out.values.resize(pixels * static_cast<std::size_t>(channels));
-    std::uint8_t* to = out.values.data();
-    for (std::size_t i = 0; i < pixels; ++i) {
-        const std::uint8_t* const from = image.values.data() + i * from_channels;
-        const bool grey = from_channels < 3;
-        if (channels == 1)
-            *to++ = grey ? from[0]
-                         : static_cast<std::uint8_t>(
-                               (77 * from[0] + 150 * from[1] + 29 * from[2]) >> 8);
-        else
-            for (std::size_t c = 0; c < 3; ++c) *to++ = from[grey ? 0 : c];
-    }
-    return out;
-}
-
 void check_pixels(const std::filesystem::path& path, const Image8& image) {
     require(image.width > 0 && image.height > 0 && image.channels >= 1 && image.channels <= 4,
             path.string(), "got an image of ", image.width, " x ", image.height, " x ",
@@ -66,12 +44,6 @@ void check_pixels(const std::filesystem::path& path, const Image8& image) {
 }
 
 } // namespace
-
-void check_image_size(const ImageHeader& h, const std::string& who) {
-    require(h.width > 0 && h.height > 0 && h.width <= max_image_edge && h.height <= max_image_edge,
-            who, "got an image of ", h.width, " x ", h.height, " pixels, expected 1 to ",
-            max_image_edge, " a side");
-}
 
 ImageHeader read_image_header(const std::filesystem::path& path) {
     // The size is near the beginning, unless a camera wrote pages of metadata before it.
@@ -99,16 +71,6 @@ Image8 decode_image(ByteSpan bytes, const std::string& who, int channels) {
 
 Image8 read_image8(const std::filesystem::path& path, int channels) {
     return decode_image(read_file(path, max_image_bytes), path.string(), channels);
-}
-
-Image<float> to_float(const Image8& image) {
-    Image<float> out;
-    out.width = image.width;
-    out.height = image.height;
-    out.pixels.resize(image.channels, out.size());
-    for (std::size_t i = 0; i < image.values.size(); ++i)
-        out.pixels.data()[i] = static_cast<float>(image.values[i]) / 255.0f;
-    return out;
 }
 
 Image8 to_8bit(const Image<float>& image) {

@@ -3,31 +3,19 @@
 /// Values are the file's own (sRGB for colour, no linearisation); 255 becomes 1 in float images.
 #pragma once
 
-#include <cstdint>
 #include <filesystem>
 #include <string>
-#include <vector>
 
 #include <rye/capture/bytes.hpp>
+#include <rye/capture/image8.hpp>
 #include <rye/core/columns.hpp>
 
 namespace rye::trainer {
 
-/// Image as stored in the file: row by row, channels interleaved.
-struct Image8 {
-    int width = 0;                     ///< [px]
-    int height = 0;                    ///< [px]
-    int channels = 0;                  ///< 1 grey, 2 grey + alpha, 3 RGB, 4 RGBA
-    std::vector<std::uint8_t> values;  ///< channels * width * height
-};
-
-/// Size and channels, from the header alone.
-struct ImageHeader {
-    int width = 0, height = 0, channels = 0;
-};
-
-/// Largest side of an image that is read; larger headers are rejected before decoding.
-inline constexpr int max_image_edge = 16384;
+using rye::Image8;
+using rye::ImageHeader;
+using rye::max_image_edge;
+using rye::to_float;
 
 /// Reads the header of a PNG or JPEG; throws an Error with the path, also for a pipe or device.
 ImageHeader read_image_header(const std::filesystem::path& path);
@@ -38,9 +26,6 @@ Image8 read_image8(const std::filesystem::path& path, int channels = 0);
 
 /// Returns the image in the bytes of a file; errors begin with `who`.
 Image8 decode_image(ByteSpan bytes, const std::string& who, int channels = 0);
-
-/// Returns channels x pixels in [0, 1].
-Image<float> to_float(const Image8& image);
 
 /// Clamps to [0, 1] and rounds to nearest; throws an Error for NaN.
 Image8 to_8bit(const Image<float>& image);

@@ -26,7 +26,4 @@ ImageHeader jpeg_header(ByteSpan bytes, const std::string& who);
 /// Encodes 1 or 3 channels; above a quality of 90 colour has full resolution.
 Bytes encode_jpeg(const Image8& image, int quality, const std::string& who);
 
-/// Throws an Error unless each side has 1 to max_image_edge pixels.
-void check_image_size(const ImageHeader& h, const std::string& who);
-
 } // namespace rye::trainer

@@ -10,6 +10,7 @@
 #include <string>
 #include <utility>
 
+#include <rye/capture/eye_sizes.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
@@ -17,7 +18,6 @@
 #include "data/checksums.hpp"
 #include "data/config.hpp"
 #include "data/expression_shapes.hpp"
-#include "data/eye_shapes.hpp"
 #include "data/median.hpp"
 
 namespace rye::trainer {
@@ -733,7 +733,7 @@ Capture read_trainable_capture(const fs::path& folder, std::vector<std::string>*
 Capture read_valid_frame(const CaptureContents& contents, const std::string& frame,
                          const std::vector<std::string>& cameras) {
     std::vector<Problem> problems;
-    Capture capture = read_capture_frame(contents, frame, cameras, {}, &problems);
+    Capture capture = read_capture_frame(contents, frame, cameras, &problems);
     if (capture.width > 0) {  // no camera has the frame: nothing to check
         const std::vector<Problem> more = validate(capture, ImagesToDecode::none);
         problems.insert(problems.end(), more.begin(), more.end());

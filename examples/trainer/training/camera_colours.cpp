@@ -7,8 +7,7 @@
 #include <vector>
 
 #include <rye/math/rotation.hpp>
-
-#include "data/srgb.hpp"
+#include <rye/math/srgb.hpp>
 
 namespace rye::trainer {
 namespace {
@@ -32,7 +31,7 @@ std::optional<Vec3<double>> colour_at(const Image<float>& picture, const Image<f
         for (int i = -1; i <= 1; ++i) {
             if (mask.at(x + i, y + j)[0] < 0.98F) return std::nullopt;
             for (Index c = 0; c < 3; ++c)
-                sum[c] += linear(static_cast<double>(picture.at(x + i, y + j)[c])) / 9;
+                sum[c] += linear_from_srgb(static_cast<double>(picture.at(x + i, y + j)[c])) / 9;
         }
     if (sum.minCoeff() < least) return std::nullopt;
     return Vec3<double>(sum.array().log());

@@ -18,6 +18,7 @@
 #include <vector>
 
 #include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
 #include <rye/core/memory.hpp>
 #include <rye/core/parse.hpp>
 
@@ -268,6 +269,49 @@ inline std::string json_string(std::string_view s) {
         else out += c;
     }
     return out + '"';
+}
+
+/// Returns the value as JSON on one line.
+inline std::string json_text(const JsonValue& value) {
+    const auto joined = [](const auto& items, const auto& text_of) {
+        std::string out;
+        for (const auto& item : items) (out += out.empty() ? "" : ",") += text_of(item);
+        return out;
+    };
+    if (const auto* b = value.get<bool>()) return *b ? "true" : "false";
+    if (const auto* i = value.get<std::int64_t>()) return number_text(*i);
+    if (const auto* d = value.get<double>()) return number_text(*d);
+    if (const auto* s = value.get<std::string>()) return json_string(*s);
+    if (const auto* a = value.get<JsonArray>()) return '[' + joined(*a, json_text) + ']';
+    if (const auto* o = value.get<JsonObject>())
+        return '{' + joined(*o, [](const JsonMember& m) {
+            return json_string(m.name) + ':' + json_text(m.value);
+        }) + '}';
+    return "null";
+}
+
+/// Throws an Error, which begins with `who`, for a text that is not UTF-8. parse_json takes any
+/// bytes in strings.
+inline void require_utf8(std::string_view text, const std::string& who) {
+    const auto byte = [&](std::size_t i) {
+        return i < text.size() ? static_cast<unsigned char>(text[i]) : 0U;
+    };
+    for (std::size_t at = 0; at < text.size();) {
+        const unsigned first = byte(at), second = byte(at + 1);
+        const std::size_t length = first < 0x80   ? 1
+                                   : first < 0xC2 ? 0
+                                   : first < 0xE0 ? 2
+                                   : first < 0xF0 ? 3
+                                   : first < 0xF5 ? 4
+                                                  : 0;
+        bool valid = length > 0;
+        for (std::size_t k = 1; k < length; ++k) valid = valid && (byte(at + k) >> 6U) == 2;
+        // Too long a form, a surrogate, beyond the last code.
+        valid = valid && !(first == 0xE0 && second < 0xA0) && !(first == 0xED && second > 0x9F) &&
+                !(first == 0xF0 && second < 0x90) && !(first == 0xF4 && second > 0x8F);
+        require(valid, who, "its byte ", at, " begins no character of UTF-8");
+        at += length;
+    }
 }
 
 } // namespace rye

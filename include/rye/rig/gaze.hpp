@@ -17,6 +17,10 @@ namespace rye {
 /// Largest angle of an anatomical gaze from straight ahead [rad] (70 degrees).
 inline constexpr double gaze_range = 1.2217304763960307;
 
+/// Axis of an eye that gazes refer to: the eyeball's optical axis, or the line of sight, which
+/// differs by a constant per person.
+enum class GazeAxis { optical, visual };
+
 /// Returns the unit vector (cos p sin y, sin p, cos p cos y).
 template <Scalar T>
 RYE_HD Vec3<T> gaze_vector(const T& pitch, const T& yaw) {

@@ -1,11 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "data/eye_shapes.hpp"
+/// rye/capture/eye_sizes.hpp: the sizes of an eyeball from a capture, and the shape that training
+/// gives it. Lengths in canonical units.
+#pragma once
 
 #include <cmath>
+#include <string>
 
-namespace rye::trainer {
+#include <rye/capture/capture.hpp>
+#include <rye/core/error.hpp>
+#include <rye/rig/eyeball.hpp>
 
-EyeSizes eye_sizes(const CaptureEye& eye, double scale, double default_radius) {
+namespace rye {
+
+struct EyeSizes {
+    double radius, limbus_radius, iris_plane;  ///< iris_plane: z of the iris' middle
+};
+
+/// Returns sizes with textbook proportions for missing values; `scale` is the frame's, head to
+/// world.
+inline EyeSizes eye_sizes(const CaptureEye& eye, double scale, double default_radius) {
     EyeSizes s;
     s.radius = eye.radius ? *eye.radius / scale : default_radius;
     s.limbus_radius = eye.limbus_radius ? *eye.limbus_radius / scale : 0.49 * s.radius;
@@ -13,14 +26,17 @@ EyeSizes eye_sizes(const CaptureEye& eye, double scale, double default_radius) {
     return s;
 }
 
-EyeballShape eyeball_shape(const EyeSizes& sizes) {
-    EyeballShape shape =
-        EyeballShape{}.with_radius(sizes.radius).with_limbus(sizes.limbus_radius);
+/// Returns rye's eyeball of these sizes for an avatar with the effects E.
+template <EffectSet E = PaperEffects>
+BasicEyeballShape<E> eyeball_shape(const EyeSizes& sizes) {
+    BasicEyeballShape<E> shape =
+        BasicEyeballShape<E>{}.with_radius(sizes.radius).with_limbus(sizes.limbus_radius);
     shape.iris_plane = sizes.iris_plane;
     return shape;
 }
 
-void require_eyeball(const EyeSizes& sizes, const std::string& who) {
+/// Throws an Error, with `who` first, if these sizes make no eyeball.
+inline void require_eyeball(const EyeSizes& sizes, const std::string& who) {
     try {
         for (const double x : {sizes.radius, sizes.limbus_radius, sizes.iris_plane})
             require(
@@ -38,4 +54,4 @@ void require_eyeball(const EyeSizes& sizes, const std::string& who) {
     }
 }
 
-} // namespace rye::trainer
+} // namespace rye
