@@ -91,8 +91,8 @@ std::vector<int> parts_of(const QuadMesh& mesh) {
     constexpr std::array<std::pair<Index, int>, 4> known{
         {{makehuman::nose_tip, face},
          {makehuman::palate, mouth_socket},
-         {makehuman::left_socket, 3},
-         {makehuman::right_socket, 4}}};
+         {makehuman::left_socket, -1},
+         {makehuman::right_socket, -1}}};
     std::array<Index, 4> known_island{-1, -1, -1, -1};
     for (const Quad& q : mesh.faces)
         for (std::size_t k = 0; k < 4; ++k)

@@ -23,6 +23,7 @@ inline constexpr std::array<Index, 68> landmarks{
     7241,  492,   486,   370,   440,   481,   474,  7236, 7200, 7237,  493,   482};
 
 /// Vertices in the texture islands of the head's skin, the mouth's inside and the eye sockets.
+/// Sockets are left out: eyeballs fill the lids, and a socket would show through thin skin.
 inline constexpr Index nose_tip = 5054, palate = 696, left_socket = 11915, right_socket = 5310;
 
 /// The head and neck: vertices of the body above `lowest` and nearer to the middle than `widest`
@@ -36,45 +37,45 @@ struct Mode {
 };
 
 inline constexpr std::array kinds{"african", "asian", "caucasian"};
-inline constexpr double gender_weight = 0.9, kind_weight = 0.7, age_weight = 0.3;
+inline constexpr double gender_weight = 0.6, kind_weight = 0.45, age_weight = 0.2;
 
 inline constexpr std::array modes{
-    Mode{"head_width", "head/head-scale-horiz-incr", "head/head-scale-horiz-decr", 0.25},
-    Mode{"head_depth", "head/head-scale-depth-incr", "head/head-scale-depth-decr", 0.25},
-    Mode{"head_fat", "head/head-fat-incr", "head/head-fat-decr", 0.4},
-    Mode{"head_oval", "head/head-oval", "head/head-square", 0.4},
-    Mode{"head_triangular", "head/head-triangular", "head/head-invertedtriangular", 0.3},
+    Mode{"head_width", "head/head-scale-horiz-incr", "head/head-scale-horiz-decr", 0.14},
+    Mode{"head_depth", "head/head-scale-depth-incr", "head/head-scale-depth-decr", 0.14},
+    Mode{"head_fat", "head/head-fat-incr", "head/head-fat-decr", 0.22},
+    Mode{"head_oval", "head/head-oval", "head/head-square", 0.22},
+    Mode{"head_triangular", "head/head-triangular", "head/head-invertedtriangular", 0.17},
     Mode{"forehead_height", "forehead/forehead-scale-vert-incr",
-         "forehead/forehead-scale-vert-decr", 0.35},
+         "forehead/forehead-scale-vert-decr", 0.19},
     Mode{"forehead_depth", "forehead/forehead-trans-forward", "forehead/forehead-trans-backward",
          0.4},
-    Mode{"brow_angle", "eyebrows/eyebrows-angle-up", "eyebrows/eyebrows-angle-down", 0.4},
-    Mode{"brow_depth", "eyebrows/eyebrows-trans-forward", "eyebrows/eyebrows-trans-backward", 0.4},
-    Mode{"eye_scale", "eyes/*-eye-scale-incr", "eyes/*-eye-scale-decr", 0.3},
-    Mode{"eye_slant", "eyes/*-eye-corner2-up", "eyes/*-eye-corner2-down", 0.4},
-    Mode{"eye_height", "eyes/*-eye-height2-incr", "eyes/*-eye-height2-decr", 0.3},
-    Mode{"eye_distance", "eyes/*-eye-trans-out", "eyes/*-eye-trans-in", 0.4},
-    Mode{"cheek_bones", "cheek/*-cheek-bones-incr", "cheek/*-cheek-bones-decr", 0.45},
-    Mode{"cheek_volume", "cheek/*-cheek-volume-incr", "cheek/*-cheek-volume-decr", 0.4},
-    Mode{"nose_width", "nose/nose-scale-horiz-incr", "nose/nose-scale-horiz-decr", 0.35},
-    Mode{"nose_length", "nose/nose-scale-vert-incr", "nose/nose-scale-vert-decr", 0.3},
-    Mode{"nose_depth", "nose/nose-scale-depth-incr", "nose/nose-scale-depth-decr", 0.35},
-    Mode{"nose_hump", "nose/nose-hump-incr", "nose/nose-hump-decr", 0.4},
-    Mode{"nose_point", "nose/nose-point-up", "nose/nose-point-down", 0.4},
-    Mode{"nose_flaring", "nose/nose-flaring-incr", "nose/nose-flaring-decr", 0.4},
-    Mode{"mouth_width", "mouth/mouth-scale-horiz-incr", "mouth/mouth-scale-horiz-decr", 0.35},
-    Mode{"mouth_height", "mouth/mouth-trans-up", "mouth/mouth-trans-down", 0.3},
-    Mode{"upper_lip", "mouth/mouth-upperlip-volume-incr", "mouth/mouth-upperlip-volume-decr", 0.4},
-    Mode{"lower_lip", "mouth/mouth-lowerlip-volume-incr", "mouth/mouth-lowerlip-volume-decr", 0.4},
-    Mode{"chin_width", "chin/chin-width-incr", "chin/chin-width-decr", 0.4},
-    Mode{"chin_height", "chin/chin-height-incr", "chin/chin-height-decr", 0.3},
-    Mode{"chin_depth", "chin/chin-prominent-incr", "chin/chin-prominent-decr", 0.4},
-    Mode{"jaw_drop", "chin/chin-jaw-drop-incr", "chin/chin-jaw-drop-decr", 0.3},
-    Mode{"ear_scale", "ears/*-ear-scale-incr", "ears/*-ear-scale-decr", 0.3},
-    Mode{"ear_wing", "ears/*-ear-wing-incr", "ears/*-ear-wing-decr", 0.35},
-    Mode{"neck_width", "neck/neck-scale-horiz-incr", "neck/neck-scale-horiz-decr", 0.35},
-    Mode{"nose_asymmetry", "asym/asym-nose-1-l", "asym/asym-nose-1-r", 0.3},
-    Mode{"jaw_asymmetry", "asym/asym-jaw-1-l", "asym/asym-jaw-1-r", 0.3},
+    Mode{"brow_angle", "eyebrows/eyebrows-angle-up", "eyebrows/eyebrows-angle-down", 0.22},
+    Mode{"brow_depth", "eyebrows/eyebrows-trans-forward", "eyebrows/eyebrows-trans-backward", 0.22},
+    Mode{"eye_scale", "eyes/*-eye-scale-incr", "eyes/*-eye-scale-decr", 0.17},
+    Mode{"eye_slant", "eyes/*-eye-corner2-up", "eyes/*-eye-corner2-down", 0.22},
+    Mode{"eye_height", "eyes/*-eye-height2-incr", "eyes/*-eye-height2-decr", 0.17},
+    Mode{"eye_distance", "eyes/*-eye-trans-out", "eyes/*-eye-trans-in", 0.22},
+    Mode{"cheek_bones", "cheek/*-cheek-bones-incr", "cheek/*-cheek-bones-decr", 0.25},
+    Mode{"cheek_volume", "cheek/*-cheek-volume-incr", "cheek/*-cheek-volume-decr", 0.22},
+    Mode{"nose_width", "nose/nose-scale-horiz-incr", "nose/nose-scale-horiz-decr", 0.19},
+    Mode{"nose_length", "nose/nose-scale-vert-incr", "nose/nose-scale-vert-decr", 0.17},
+    Mode{"nose_depth", "nose/nose-scale-depth-incr", "nose/nose-scale-depth-decr", 0.19},
+    Mode{"nose_hump", "nose/nose-hump-incr", "nose/nose-hump-decr", 0.22},
+    Mode{"nose_point", "nose/nose-point-up", "nose/nose-point-down", 0.22},
+    Mode{"nose_flaring", "nose/nose-flaring-incr", "nose/nose-flaring-decr", 0.22},
+    Mode{"mouth_width", "mouth/mouth-scale-horiz-incr", "mouth/mouth-scale-horiz-decr", 0.19},
+    Mode{"mouth_height", "mouth/mouth-trans-up", "mouth/mouth-trans-down", 0.17},
+    Mode{"upper_lip", "mouth/mouth-upperlip-volume-incr", "mouth/mouth-upperlip-volume-decr", 0.22},
+    Mode{"lower_lip", "mouth/mouth-lowerlip-volume-incr", "mouth/mouth-lowerlip-volume-decr", 0.22},
+    Mode{"chin_width", "chin/chin-width-incr", "chin/chin-width-decr", 0.22},
+    Mode{"chin_height", "chin/chin-height-incr", "chin/chin-height-decr", 0.17},
+    Mode{"chin_depth", "chin/chin-prominent-incr", "chin/chin-prominent-decr", 0.22},
+    Mode{"jaw_drop", "chin/chin-jaw-drop-incr", "chin/chin-jaw-drop-decr", 0.17},
+    Mode{"ear_scale", "ears/*-ear-scale-incr", "ears/*-ear-scale-decr", 0.17},
+    Mode{"ear_wing", "ears/*-ear-wing-incr", "ears/*-ear-wing-decr", 0.19},
+    Mode{"neck_width", "neck/neck-scale-horiz-incr", "neck/neck-scale-horiz-decr", 0.19},
+    Mode{"nose_asymmetry", "asym/asym-nose-1-l", "asym/asym-nose-1-r", 0.17},
+    Mode{"jaw_asymmetry", "asym/asym-jaw-1-l", "asym/asym-jaw-1-r", 0.17},
 };
 
 /// Part of a target that a shape takes.
