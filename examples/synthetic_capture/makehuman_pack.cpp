@@ -36,6 +36,8 @@ constexpr std::array part_names{
     "eye_occlusion_left", "eye_occlusion_right", "eyelashes_left", "eyelashes_right"};
 constexpr int face = 0, head_neck = 1, mouth_socket = 2, tongue = 5, teeth = 6, left_eye = 7,
               right_eye = 9;
+/// Number of the faces of the eye sockets and of all that is not of the head, which are left out.
+constexpr int socket = -2, elsewhere = -1;
 
 std::string replaced(std::string_view text, char what, std::string_view by) {
     std::string out;
@@ -85,14 +87,14 @@ std::vector<Index> islands(const QuadMesh& mesh) {
     return island;
 }
 
-/// Part of each face of the base mesh; -1 is not of the head.
+/// Part of each face of the base mesh.
 std::vector<int> parts_of(const QuadMesh& mesh) {
     const std::vector<Index> island = islands(mesh);
     constexpr std::array<std::pair<Index, int>, 4> known{
         {{makehuman::nose_tip, face},
          {makehuman::palate, mouth_socket},
-         {makehuman::left_socket, -1},
-         {makehuman::right_socket, -1}}};
+         {makehuman::left_socket, socket},
+         {makehuman::right_socket, socket}}};
     std::array<Index, 4> known_island{-1, -1, -1, -1};
     for (const Quad& q : mesh.faces)
         for (std::size_t k = 0; k < 4; ++k)
@@ -102,7 +104,7 @@ std::vector<int> parts_of(const QuadMesh& mesh) {
     for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
         const Quad& q = mesh.faces[f];
         const std::string& group = mesh.groups[mesh.group[f]];
-        int part = -1;
+        int part = elsewhere;
         if (group == "helper-tongue") part = tongue;
         if (group == "helper-upper-teeth" || group == "helper-lower-teeth") part = teeth;
         if (group == "helper-l-eye") part = left_eye;
@@ -239,6 +241,52 @@ Named identity_modes(const Source& source, const Points& mean) {
     return modes;
 }
 
+/// The rims of the lids: vertices between the eyeballs and the crests, each with the vertex of a
+/// crest that it follows. The targets move the crests and leave most of the rims behind, which then
+/// hang before the irises.
+class LidRims {
+  public:
+    explicit LidRims(const QuadMesh& mesh) {
+        const std::vector<int> parts = parts_of(mesh);
+        std::vector<int> ring(static_cast<std::size_t>(mesh.vertices.cols()), -1);
+        const auto ring_of = [&](Index v) -> int& { return ring[static_cast<std::size_t>(v)]; };
+        for (std::size_t f = 0; f < parts.size(); ++f)
+            if (parts[f] == socket)
+                for (const Index v : mesh.faces[f].vertex) ring_of(v) = 0;
+        for (int k = 0; k < rings; ++k)
+            for (std::size_t f = 0; f < parts.size(); ++f) {
+                const auto& v = mesh.faces[f].vertex;
+                if (parts[f] != face) continue;
+                for (std::size_t i = 0; i < 4; ++i)
+                    for (const Index beside : {v[(i + 1) % 4], v[(i + 3) % 4]})
+                        if (ring_of(v[i]) == k && ring_of(beside) < 0) ring_of(beside) = k + 1;
+            }
+        std::vector<Index> crest;
+        for (Index i = 0; i < mesh.vertices.cols(); ++i)
+            if (ring_of(i) == rings) crest.push_back(i);
+        for (Index i = 0; i < mesh.vertices.cols(); ++i) {
+            if (ring_of(i) < 0 || ring_of(i) >= rings) continue;
+            const auto away = [&](Index c) {
+                return (mesh.vertices.col(c) - mesh.vertices.col(i)).squaredNorm();
+            };
+            follows_.emplace_back(
+                i, *std::min_element(crest.begin(), crest.end(),
+                                     [&](Index a, Index b) { return away(a) < away(b); }));
+        }
+    }
+    void operator()(Points& moved) const {
+        for (const auto& [vertex, crest] : follows_) {
+            const V3 by = moved.col(crest);
+            moved.col(vertex) = by;
+        }
+    }
+
+  private:
+    /// Edges from the border of a socket to the crest.
+    static constexpr int rings = 3;
+    std::vector<std::pair<Index, Index>> follows_;
+};
+
 /// What lids do that follow the gaze, at its full angles: the upper lid goes with the eye, the lower
 /// lid a part of the way, and both a little to the side.
 void add_lid_shapes(const Source& source, Named& shapes) {
@@ -257,7 +305,7 @@ void add_lid_shapes(const Source& source, Named& shapes) {
         shapes.emplace_back("eyeLookDown" + side, 0.55 * closed - 0.6 * lower);
         shapes.emplace_back("eyeLookIn" + side, -aside);
         shapes.emplace_back("eyeLookOut" + side, aside);
-        shapes.emplace_back("eyeLookUp" + side, 1.6 * opened + 0.35 * lower);
+        shapes.emplace_back("eyeLookUp" + side, 2.0 * opened + 0.35 * lower);
     }
 }
 
@@ -289,6 +337,9 @@ Named expression_shapes(const Source& source) {
                                 share_of(source.target(target), e, side, source));
         }
     }
+    const LidRims rims(source.mesh);
+    for (auto& [name, moved] : shapes)
+        if (name.starts_with("eye")) rims(moved);
     std::sort(shapes.begin(), shapes.end(),
               [](const auto& a, const auto& b) { return a.first < b.first; });
     return shapes;
