@@ -28,7 +28,7 @@ inline constexpr Index nose_tip = 5054, palate = 696, left_socket = 11915, right
 
 /// The head and neck: vertices of the body above `lowest` and nearer to the middle than `widest`
 /// [dm].
-inline constexpr double lowest = 5.3, widest = 1.3;
+inline constexpr double lowest = 4.95, widest = 1.25;
 
 /// A mode of identity: weight times (target plus - target minus); * is both sides, l and r.
 struct Mode {
