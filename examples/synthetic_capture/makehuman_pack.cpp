@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numeric>
+#include <utility>
 
 #include <nlohmann/json.hpp>
 
@@ -124,6 +126,26 @@ std::vector<int> parts_of(const QuadMesh& mesh) {
     return parts;
 }
 
+/// Takes faces with two or more borders off the cut's edge, so that no teeth of a saw are left.
+void trim_edge(const QuadMesh& mesh, std::vector<int>& parts) {
+    constexpr int rounds = 3;
+    for (int round = 0; round < rounds; ++round) {
+        std::map<std::pair<Index, Index>, int> faces; // on each edge
+        const auto edge = [&](const Quad& q, std::size_t k) {
+            return std::minmax(q.vertex[k], q.vertex[(k + 1) % 4]);
+        };
+        for (std::size_t f = 0; f < parts.size(); ++f)
+            for (std::size_t k = 0; parts[f] >= 0 && k < 4; ++k)
+                ++faces[std::pair<Index, Index>(edge(mesh.faces[f], k))];
+        for (std::size_t f = 0; f < parts.size(); ++f) {
+            int borders = 0;
+            for (std::size_t k = 0; parts[f] == head_neck && k < 4; ++k)
+                borders += faces[std::pair<Index, Index>(edge(mesh.faces[f], k))] == 1;
+            if (borders >= 2) parts[f] = elsewhere;
+        }
+    }
+}
+
 /// The head cut out of the base mesh and subdivided: which vertices, and how they are made.
 struct Cut {
     std::vector<Index> kept;             ///< vertices of the base mesh
@@ -141,7 +163,8 @@ struct Cut {
 };
 
 Cut cut_head(const QuadMesh& base) {
-    const std::vector<int> parts = parts_of(base);
+    std::vector<int> parts = parts_of(base);
+    trim_edge(base, parts);
     Cut cut;
     std::vector<Index> place(static_cast<std::size_t>(base.vertices.cols()), -1);
     std::vector<Quad> faces;

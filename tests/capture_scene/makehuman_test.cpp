@@ -152,7 +152,9 @@ TEST_CASE("subdivision: a cube's first step, by the published rules") {
     // An open sheet keeps its border: the corners' neighbours lie on its edges.
     const Subdivision sheet = subdivided(8, mesh.uv, {mesh.faces[0]});
     const Points flat = mesh.vertices * sheet.weights;
-    CHECK(flat.row(2).isZero(1e-12));
+    REQUIRE(flat.cols() == 8 + 4 + 1);
+    CHECK(flat.row(2).tail(5).isZero(1e-12));
+    CHECK(V3(flat.col(6)) == V3(1, 1, 1)); // of no face
     CHECK((V3(flat.col(0)) - V3(0.125, 0.125, 0)).norm() < 1e-12);
 }
 

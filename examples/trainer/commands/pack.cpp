@@ -27,8 +27,8 @@ void run(const Options& o) {
         require(o.overwrite || !fs::exists(path), path.string(),
                 "exists already; --overwrite replaces it");
     const HeadPack pack = pack_makehuman(o.makehuman);
-    write_npz(o.out, pack.arrays);
     write_atomic(names, as_bytes(pack.names));
+    write_npz(o.out, pack.arrays);
     if (!o.quiet)
         std::cout << o.out.string() << ": " << pack.arrays.at("neutral").shape[0] << " vertices, "
                   << pack.arrays.at("expr_offset").shape[0] - 1 << " expressions, "
@@ -44,7 +44,11 @@ void add_pack(CLI::App& app) {
     c->add_option("--makehuman", o->makehuman, "Folder with base.obj and targets, plain or as .gz")
         ->required()
         ->check(folder_check("the folder of MakeHuman's base.obj and targets"));
-    c->add_option("--out", o->out, "The npz to write; names.json is written beside it")->required();
+    c->add_option("--out", o->out, "File to write (.npz); names.json is written beside it")
+        ->required()
+        ->check([](const std::string& text) {
+            return text.ends_with(".npz") ? "" : "got '" + text + "', expected .npz";
+        });
     c->add_flag("--overwrite", o->overwrite, "Replace files that are there");
     c->add_flag("--quiet", o->quiet, "No summary");
     c->callback([o] { run(*o); });
