@@ -49,8 +49,9 @@ Index index(std::string_view digits, Index first, Index last, const char* what,
             const std::string& who) {
     long long i = 0;
     const auto [end, status] = std::from_chars(digits.data(), digits.data() + digits.size(), i);
-    require(status == std::errc() && end == digits.data() + digits.size() && i >= first && i <= last,
-            who, "got the ", what, " '", digits, "', expected ", first, " to ", last);
+    require(
+        status == std::errc() && end == digits.data() + digits.size() && i >= first && i <= last,
+        who, "got the ", what, " '", digits, "', expected ", first, " to ", last);
     return static_cast<Index>(i);
 }
 
@@ -81,8 +82,7 @@ QuadMesh parse_quads(std::string_view text, const std::string& name) {
         if (kind == "v")
             for (int d = 0; d < 3; ++d) xyz.push_back(number(word(line), "coordinate", who));
         if (kind == "vt")
-            for (int d = 0; d < 2; ++d)
-                uv.push_back(number(word(line), "texture coordinate", who));
+            for (int d = 0; d < 2; ++d) uv.push_back(number(word(line), "texture coordinate", who));
         if (kind == "g") {
             const std::string_view title = word(line);
             const auto at = std::find(mesh.groups.begin(), mesh.groups.end(), title);
@@ -91,13 +91,12 @@ QuadMesh parse_quads(std::string_view text, const std::string& name) {
         }
         if (kind != "f") return;
         if (mesh.groups.empty()) mesh.groups.emplace_back();
-        mesh.faces.push_back(quad(line, static_cast<Index>(xyz.size() / 3),
-                                  static_cast<Index>(uv.size() / 2), who));
+        mesh.faces.push_back(
+            quad(line, static_cast<Index>(xyz.size() / 3), static_cast<Index>(uv.size() / 2), who));
         mesh.group.push_back(group);
     });
     require(!mesh.faces.empty(), name, "has no faces, expected an OBJ mesh of quads");
-    mesh.vertices =
-        Eigen::Map<const Points>(xyz.data(), 3, static_cast<Index>(xyz.size() / 3));
+    mesh.vertices = Eigen::Map<const Points>(xyz.data(), 3, static_cast<Index>(xyz.size() / 3));
     mesh.uv = Eigen::Map<const Columns<double>>(uv.data(), 2, static_cast<Index>(uv.size() / 2));
     return mesh;
 }

@@ -31,11 +31,25 @@ const V3 eyes_at(0, 0.36, 0.81);
 constexpr double least_move = 2e-4;
 
 /// Names of the parts, which are ICT-FaceKit's; MakeHuman's head lacks some.
-constexpr std::array part_names{
-    "face",           "head_neck",        "mouth_socket",   "eye_socket_left", "eye_socket_right",
-    "gums_tongue",    "teeth",            "sclera_left",    "iris_left",       "sclera_right",
-    "iris_right",     "lacrimal_left",    "lacrimal_right", "eye_blend_left",  "eye_blend_right",
-    "eye_occlusion_left", "eye_occlusion_right", "eyelashes_left", "eyelashes_right"};
+constexpr std::array part_names{"face",
+                                "head_neck",
+                                "mouth_socket",
+                                "eye_socket_left",
+                                "eye_socket_right",
+                                "gums_tongue",
+                                "teeth",
+                                "sclera_left",
+                                "iris_left",
+                                "sclera_right",
+                                "iris_right",
+                                "lacrimal_left",
+                                "lacrimal_right",
+                                "eye_blend_left",
+                                "eye_blend_right",
+                                "eye_occlusion_left",
+                                "eye_occlusion_right",
+                                "eyelashes_left",
+                                "eyelashes_right"};
 constexpr int face = 0, head_neck = 1, mouth_socket = 2, tongue = 5, teeth = 6, left_eye = 7,
               right_eye = 9;
 /// Number of the faces of the eye sockets and of all that is not of the head, which are left out.
@@ -43,7 +57,11 @@ constexpr int socket = -2, elsewhere = -1;
 
 std::string replaced(std::string_view text, char what, std::string_view by) {
     std::string out;
-    for (const char c : text) c == what ? out += by : out += c;
+    for (const char c : text)
+        if (c == what)
+            out += by;
+        else
+            out += c;
     return out;
 }
 
@@ -92,11 +110,10 @@ std::vector<Index> islands(const QuadMesh& mesh) {
 /// Part of each face of the base mesh.
 std::vector<int> parts_of(const QuadMesh& mesh) {
     const std::vector<Index> island = islands(mesh);
-    constexpr std::array<std::pair<Index, int>, 4> known{
-        {{makehuman::nose_tip, face},
-         {makehuman::palate, mouth_socket},
-         {makehuman::left_socket, socket},
-         {makehuman::right_socket, socket}}};
+    constexpr std::array<std::pair<Index, int>, 4> known{{{makehuman::nose_tip, face},
+                                                          {makehuman::palate, mouth_socket},
+                                                          {makehuman::left_socket, socket},
+                                                          {makehuman::right_socket, socket}}};
     std::array<Index, 4> known_island{-1, -1, -1, -1};
     for (const Quad& q : mesh.faces)
         for (std::size_t k = 0; k < 4; ++k)
@@ -148,11 +165,11 @@ void trim_edge(const QuadMesh& mesh, std::vector<int>& parts) {
 
 /// The head cut out of the base mesh and subdivided: which vertices, and how they are made.
 struct Cut {
-    std::vector<Index> kept;             ///< vertices of the base mesh
-    Subdivision mesh;                    ///< of the kept ones
-    std::vector<int> parts;              ///< of its faces
-    std::vector<Index> order;            ///< its vertices, by part
-    std::vector<Index> place;            ///< in the order, of each vertex
+    std::vector<Index> kept;                                     ///< vertices of the base mesh
+    Subdivision mesh;                                            ///< of the kept ones
+    std::vector<int> parts;                                      ///< of its faces
+    std::vector<Index> order;                                    ///< its vertices, by part
+    std::vector<Index> place;                                    ///< in the order, of each vertex
     std::array<std::array<Index, 2>, part_names.size()> range{}; ///< places of each part
 
     /// Subdivided columns in their order, of points or displacements of the base mesh.
@@ -310,12 +327,13 @@ class LidRims {
     std::vector<std::pair<Index, Index>> follows_;
 };
 
-/// What lids do that follow the gaze, at its full angles: the upper lid goes with the eye, the lower
-/// lid a part of the way, and both a little to the side.
+/// What lids do that follow the gaze, at its full angles: the upper lid goes with the eye, the
+/// lower lid a part of the way, and both a little to the side.
 void add_lid_shapes(const Source& source, Named& shapes) {
     for (const std::size_t e : {0U, 1U}) {
-        const std::string unit = std::string("expression/units/caucasian/eye-") +
-                                 (e == 0 ? "left" : "right"), side = e == 0 ? "_L" : "_R";
+        const std::string unit =
+            std::string("expression/units/caucasian/eye-") + (e == 0 ? "left" : "right");
+        const std::string side = e == 0 ? "_L" : "_R";
         const Points closed = source.target(unit + "-closure");
         const Points opened = source.target(unit + "-opened-up");
         Points lower = source.target(unit + "-slit"), aside = Points::Zero(3, lower.cols());
@@ -356,7 +374,9 @@ Named expression_shapes(const Source& source) {
             std::string target = replaced(e.target, '*', "expression/units/caucasian/");
             target = replaced(target, '?', side == 0 ? "left" : "right");
             target = replaced(target, '!', side == 0 ? "l" : "r");
-            shapes.emplace_back(std::string(e.name) + (side == 2 ? "" : side == 0 ? "L" : "R"),
+            shapes.emplace_back(std::string(e.name) + (side == 2   ? ""
+                                                       : side == 0 ? "L"
+                                                                   : "R"),
                                 share_of(source.target(target), e, side, source));
         }
     }
@@ -421,8 +441,8 @@ void add_faces(NpzArrays& arrays, const Cut& cut) {
             parts.push_back(static_cast<std::uint8_t>(cut.parts[f]));
             for (const std::size_t k : triangle) {
                 const Quad& q = cut.mesh.faces[f];
-                corners.push_back(static_cast<std::int32_t>(
-                    cut.place[static_cast<std::size_t>(q.vertex[k])]));
+                corners.push_back(
+                    static_cast<std::int32_t>(cut.place[static_cast<std::size_t>(q.vertex[k])]));
                 corners_uv.push_back(static_cast<std::int32_t>(q.uv[k]));
             }
         }
@@ -442,8 +462,9 @@ std::string names_json(const Named& shapes, const Named& modes, const Cut& cut) 
                                  {"vertex_begin", cut.range[p][0]},
                                  {"vertex_end", cut.range[p][1]}});
     for (const auto& [name, moved] : modes) json["identity"].push_back(name);
-    json["origin"] = "MakeHuman base mesh hm08 and targets, (c) 2020 Data Collection AB, Joel "
-                     "Palmius and Jonas Hauquier, CC0";
+    json["origin"] =
+        "MakeHuman base mesh hm08 and targets, (c) 2020 Data Collection AB, Joel "
+        "Palmius and Jonas Hauquier, CC0";
     json["source"] = "https://www.makehumancommunity.org";
     return json.dump(1) + "\n";
 }

@@ -16,11 +16,11 @@ inline constexpr Index base_vertices = 19158;
 /// Vertices of the 68 landmarks, in the order of iBUG: chosen once by geometry (rims of lids and
 /// lips, extremes of the profile), mirrored, and nearest to ICT-FaceKit's on jaw and brows.
 inline constexpr std::array<Index, 68> landmarks{
-    5402,  5235,  5238,  5241,  737,   891,   5294, 5221, 5296, 11831, 11900, 7593, 7457, 11850,
-    11847, 11844, 12001, 5261,  5260,  229,   230,  233,  7006, 7003,  7002,  11868, 11869, 133,
-    131,   201,   5054,  360,   314,   317,   7077, 7121, 27,   0,     54,    66,   47,   41,
-    6850,  6838,  6784,  6811,  6825,  6831,  404,  504,  458,  467,   7217,  7253, 7164, 7130,
-    7241,  492,   486,   370,   440,   481,   474,  7236, 7200, 7237,  493,   482};
+    5402,  5235,  5238,  5241, 737,  891,  5294, 5221, 5296, 11831, 11900, 7593,  7457,  11850,
+    11847, 11844, 12001, 5261, 5260, 229,  230,  233,  7006, 7003,  7002,  11868, 11869, 133,
+    131,   201,   5054,  360,  314,  317,  7077, 7121, 27,   0,     54,    66,    47,    41,
+    6850,  6838,  6784,  6811, 6825, 6831, 404,  504,  458,  467,   7217,  7253,  7164,  7130,
+    7241,  492,   486,   370,  440,  481,  474,  7236, 7200, 7237,  493,   482};
 
 /// Vertices in the texture islands of the head's skin, the mouth's inside and the eye sockets.
 /// Sockets are left out: eyeballs fill the lids, and a socket would show through thin skin.

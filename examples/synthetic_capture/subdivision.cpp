@@ -108,8 +108,8 @@ Subdivision subdivided(Index vertices, const Columns<double>& uv, const std::vec
         for (std::size_t k = 0; k < 4; ++k) {
             const std::size_t next = (k + 1) % 4;
             half[k] = first_edge + edges.at(edge(q.vertex[k], q.vertex[next])).number;
-            const auto [at, fresh] = halves.try_emplace(edge(q.uv[k], q.uv[next]),
-                                                        static_cast<Index>(places.size()));
+            const auto [at, fresh] =
+                halves.try_emplace(edge(q.uv[k], q.uv[next]), static_cast<Index>(places.size()));
             if (fresh) places.emplace_back(0.5 * (uv.col(q.uv[k]) + uv.col(q.uv[next])));
             half_uv[k] = at->second;
             sum += uv.col(q.uv[k]);

@@ -26,14 +26,15 @@ using V3 = Vec3<double>;
 namespace {
 
 /// The surface of a unit cube, whose texture is one square; the last face is a group of its own.
-const std::string cube = "# a cube\n"
-                         "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
-                         "v 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
-                         "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
-                         "g body\n"
-                         "f 4/1 3/2 2/3 1/4\nf 5/1 6/2 7/3 8/4\nf 1/1 2/2 6/3 5/4\n"
-                         "f 3/1 4/2 8/3 7/4\nf 2/1 3/2 7/3 6/4\r\n"
-                         "g helper-side\nf 1/1 5/2 8/3 4/4\n";
+const std::string cube =
+    "# a cube\n"
+    "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+    "v 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
+    "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+    "g body\n"
+    "f 4/1 3/2 2/3 1/4\nf 5/1 6/2 7/3 8/4\nf 1/1 2/2 6/3 5/4\n"
+    "f 3/1 4/2 8/3 7/4\nf 2/1 3/2 7/3 6/4\r\n"
+    "g helper-side\nf 1/1 5/2 8/3 4/4\n";
 
 template <class F>
 std::string error_of(F&& f) {
