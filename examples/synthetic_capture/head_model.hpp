@@ -97,7 +97,8 @@ void displace_eye(Points& vertices, Eyeball& eye, const Vec3<double>& by);
 /// The procedural head, from the seed alone.
 HeadModel procedural_head(std::uint64_t seed);
 
-/// The ICT face model (light, packed as an npz); the seed selects the identity and the skin.
+/// The ICT face model (light, packed as an npz), or another in the same arrays
+/// (makehuman_pack.hpp); the seed selects the identity and the skin.
 HeadModel ict_head(const std::filesystem::path& path, std::uint64_t seed);
 
 } // namespace rye::trainer

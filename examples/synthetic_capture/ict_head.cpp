@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The ICT face model (light) as a head: its skin, mouth and expressions, with rye's eyeballs.
 /// Source: ICT-FaceKit, (c) 2020 USC Institute for Creative Technologies, MIT; packed as one npz
-/// with names.json beside it. The model's unit is a tenth of ours.
+/// with names.json beside it. The model's unit is a tenth of ours. Another model packed in the same
+/// arrays is read as well: MakeHuman's by makehuman_pack.hpp, whose names.json states its origin.
 #include <algorithm>
 #include <cmath>
 #include <fstream>
@@ -106,6 +107,8 @@ class Pack {
 
 struct Names {
     std::vector<std::string> expressions, identity;
+    std::string origin = "ICT-FaceKit light model, (c) 2020 USC Institute for Creative "
+                         "Technologies, MIT licence"; ///< source and licence
 };
 
 Names read_names(const fs::path& path) {
@@ -122,7 +125,15 @@ Names read_names(const fs::path& path) {
         }
         return list;
     };
-    return {names("expressions"), names("identity")};
+    Names all{names("expressions"), names("identity")};
+    if (json.contains("origin")) {
+        const nlohmann::json& origin = json.at("origin");
+        require(
+            origin.is_string(), path.string() + ": origin", "got ",
+            [&] { return origin.dump(); }, ", expected the model's source and licence");
+        all.origin = origin.get<std::string>();
+    }
+    return all;
 }
 
 /// Deformable geometry: the subject's neutral face and its sparse blendshapes.
@@ -183,10 +194,7 @@ HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
     const Pack pack(path);
     const Names names = read_names(list);
     HeadModel model;
-    model.origin =
-        "ICT-FaceKit light model, (c) 2020 USC Institute for Creative Technologies, MIT "
-        "licence; identity and skin from seed " +
-        std::to_string(seed);
+    model.origin = names.origin + "; identity and skin from seed " + std::to_string(seed);
     model.identity_names = names.identity;
 
     const auto shapes = std::make_shared<Shapes>();

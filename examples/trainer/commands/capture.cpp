@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye capture`: renders a calibrated multi-view capture of a procedural head.
+/// `rye capture`: renders a calibrated multi-view capture of a procedural head or a model.
 #include <unistd.h>
 
 #include <chrono>
@@ -108,8 +108,8 @@ void add_capture(CLI::App& app) {
         ->capture_default_str();
     c->add_flag("--png", s.png, "Images as PNG without loss, which rye's headers read; else JPEG");
     c->add_option("--model", o->model,
-                  "The ICT face model (light) as an npz with names.json beside it, instead of "
-                  "rye's own head");
+                  "A head model as an npz with names.json beside it, instead of rye's own head: the "
+                  "ICT face model (light), or what `rye pack` writes");
     add_threads(*c, o->threads, "Threads; the files do not depend on it (0: all)");
     c->add_flag("--overwrite", o->overwrite, "Replace a capture that is in --out");
     c->add_flag("--quiet", o->quiet, "No progress lines");

@@ -5,6 +5,7 @@ namespace rye::trainer {
 
 void add_commands(CLI::App& app) {
     add_capture(app);
+    add_pack(app);
     add_import(app);
     add_flaw(app);
     add_info(app);

@@ -12,6 +12,7 @@ namespace rye::trainer {
 void add_commands(CLI::App& app);
 
 void add_capture(CLI::App& app);
+void add_pack(CLI::App& app);
 void add_import(CLI::App& app);
 void add_flaw(CLI::App& app);
 void add_info(CLI::App& app);
