@@ -1,0 +1,142 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""wrong_labels.py OUT CAPTURE...: what errors of labels, cameras and pictures cost. Copies each capture
+with the errors that docs/flaws.md lists (rye flaw), trains on each copy, measures against the capture
+itself, and prints one Markdown table: means over seeds, with sample standard deviations if there are
+several. A seed is that of the errors and of the training. Results in OUT are kept: a call that was
+stopped goes on. Exit status 1 if a training failed; the table then says so. Run from anywhere."""
+import argparse
+import concurrent.futures
+import json
+import os
+import pathlib
+import queue
+import statistics
+import subprocess
+import sys
+import time
+
+GAZE = ["--gaze-common", "4", "--gaze-single", "2"]
+TRACK = ["--expression", "0.06", "--expression-share", "0.5", "--pose", "0.6,1", "--landmarks", "1.5"]
+GAINS = ["--gain", "12", "--white-balance", "5"]
+CAMERAS = ["--camera-rotation", "0.5", "--focal", "1"]
+SETS = {
+    "clean": None,
+    "gaze": GAZE + ["--centres", "1.2"],
+    "track": TRACK + ["--centres", "1"],
+    "gains": GAINS,
+    "cameras": CAMERAS,
+    "all": GAZE + TRACK + ["--centres", "1.2"] + GAINS + CAMERAS,
+}
+
+
+def arguments():
+    p = argparse.ArgumentParser(description=__doc__)
+    here = pathlib.Path(__file__).resolve().parent
+    p.add_argument("out", type=pathlib.Path)
+    p.add_argument("captures", nargs="+", type=pathlib.Path)
+    p.add_argument("--rye", default=str(here / "../build/release/rye"), help="the program")
+    p.add_argument("--sets", default=",".join(SETS), help="of " + ", ".join(SETS))
+    p.add_argument("--seeds", default="1,2,3")
+    p.add_argument("--preset", default="cpu")
+    p.add_argument("--config", type=pathlib.Path, help="fields that differ from the preset's")
+    p.add_argument("--jobs", type=int, default=1, help="trainings at once")
+    p.add_argument("--devices", type=int, default=0, help="CUDA devices to spread the jobs over")
+    return p.parse_args()
+
+
+class Failed(Exception):
+    pass
+
+
+def call(log, env, *command):
+    with open(log, "a") as out:
+        if subprocess.call([str(c) for c in command], stdout=out, stderr=out, env=env) != 0:
+            raise Failed(f"{' '.join(str(c) for c in command[:2])} failed; see {log}")
+
+
+def train_and_measure(o, free, capture, name, seed):
+    """Writes OUT/CAPTURE/SET_SEED with run, evaluation and the file seconds, unless it is complete."""
+    folder = o.out / capture.name / f"{name}_{seed}"
+    if (folder / "run/results.json").exists():
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    log, copy, run = folder / "log.txt", folder / "capture", folder / "run"
+    device = free.get()
+    env = dict(os.environ) if o.devices == 0 else dict(os.environ, CUDA_VISIBLE_DEVICES=str(device % o.devices))
+    try:
+        if SETS[name] and not copy.exists():
+            call(log, env, o.rye, "flaw", "--capture", capture, "--out", copy, "--seed", seed, *SETS[name])
+        begin = time.time()
+        extra = ["--config", o.config] if o.config else []
+        call(log, env, o.rye, "train", "--capture", copy if SETS[name] else capture, "--out", run,
+             "--preset", o.preset, "--seed", seed, "--overwrite", *extra)
+        (folder / "seconds").write_text(str(time.time() - begin))
+        # the cameras of `gains` draw the test frames, too
+        call(log, env, o.rye, "evaluate", "--run", run, "--capture", copy if name == "gains" else capture)
+    finally:
+        free.put(device)
+
+
+def figures(folder):
+    try:
+        r = json.loads((folder / "run/results.json").read_text())["all"]
+        seconds = float((folder / "seconds").read_text())
+    except FileNotFoundError:
+        return None
+    seen, render = r["eyes_visible"], r["gaze"]["render"]
+    return {"head": r["head"]["psnr"], "ssim": r["head"]["ssim"], "face": r["face"]["psnr"],
+            "eyes": r["eyes"]["psnr"], "gaze": render["degrees"], "where_found": render["degrees_where_found"],
+            "found": 100 * render["found"] / max(seen, 1),
+            "without": r["gaze_without_labels"]["render"]["degrees"], "seconds": seconds}
+
+
+def shown(values, digits, unit):
+    text = f"{statistics.mean(values):.{digits}f}"
+    if len(values) > 1:
+        text += f" ± {statistics.stdev(values):.{digits}f}"
+    return text + unit
+
+
+def table(o, captures, sets, seeds):
+    columns = [("head", 2, " dB"), ("ssim", 3, ""), ("face", 2, " dB"), ("eyes", 2, " dB"), ("gaze", 2, "°"),
+               ("where_found", 2, "°"), ("found", 0, " %"), ("without", 2, "°"), ("seconds", 0, "")]
+    print("| capture | errors | seeds | head: PSNR | SSIM | face | eyes | gaze error | ... where found "
+          "| irises found | without labels | seconds |")
+    print("|" + "---|" * 12)
+    missing = 0
+    for capture in captures:
+        for name in sets:
+            every = [figures(o.out / capture.name / f"{name}_{s}") for s in seeds]
+            rows = [r for r in every if r]
+            missing += len(every) - len(rows)
+            if not rows:
+                print(f"| {capture.name} | {name} | 0 of {len(seeds)} |" + " failed |" * 9)
+                continue
+            cells = [shown([r[c] for r in rows], digits, unit) for c, digits, unit in columns]
+            print(f"| {capture.name} | {name} | {len(rows)} of {len(seeds)} | " + " | ".join(cells) + " |")
+    return missing
+
+
+def main():
+    o = arguments()
+    sets, seeds = o.sets.split(","), [int(s) for s in o.seeds.split(",")]
+    for name in sets:
+        if name not in SETS:
+            sys.exit(f"wrong_labels.py: --sets got '{name}', expected some of {', '.join(SETS)}")
+    if len({c.name for c in o.captures}) != len(o.captures):
+        sys.exit("wrong_labels.py: two captures have the same folder name")
+    free = queue.Queue()
+    for i in range(o.jobs):
+        free.put(i)
+    tasks = [(c, n, s) for s in seeds for c in o.captures for n in sets]
+    with concurrent.futures.ThreadPoolExecutor(o.jobs) as pool:
+        for task, done in [(t, pool.submit(train_and_measure, o, free, *t)) for t in tasks]:
+            try:
+                done.result()
+            except Failed as e:
+                print(f"wrong_labels.py: {task[0].name}, {task[1]}, seed {task[2]}: {e}", file=sys.stderr)
+    sys.exit(1 if table(o, o.captures, sets, seeds) else 0)
+
+
+main()
