@@ -74,10 +74,11 @@ TEST_CASE("neighbours of the face: the other side's, and its own where that is n
 TEST_CASE("priors of the face: gradients are those of differences, weights of 0 do nothing") {
     const Columns<double> points = random_columns<double>(3, 30, 6);
     Columns<double> values = random_columns<double>(4, 30, 7);
-    for (const auto& [smooth, mirror] : {std::pair{0.7, 0.0}, {0.0, 0.4}, {0.7, 0.4}, {0.0, 0.0}}) {
+    for (const auto& w :
+         {weights_of(0.7, 0), weights_of(0, 0.4), weights_of(0.7, 0.4), weights_of(0, 0)}) {
+        const double smooth = w.face_smooth, mirror = w.face_mirror;
         CAPTURE(smooth);
         CAPTURE(mirror);
-        const AvatarLossConfig w = weights_of(smooth, mirror);
         const FaceNeighbours n = face_neighbours(ScalarBackend<>{}, points, w);
         CHECK((n.near.empty() == (smooth == 0) && n.mirror.empty() == (mirror == 0)));
         const FaceSmoothness prior(w, n, points.cols());
@@ -121,7 +122,8 @@ TEST_CASE("priors of the face: in a step they add their gradient to the features
     const auto [plain, without] = stepped(AvatarLossConfig{}, {});
     CHECK((plain.face_smooth == 0 && plain.face_mirror == 0));
     AvatarLosses<double> own;
-    Columns<double> g = Columns<double>::Zero(start.face.feature.rows(), n.near.size());
+    Columns<double> g =
+        Columns<double>::Zero(start.face.feature.rows(), start.face.feature.cols());
     FaceSmoothness(on, n, start.face.position.cols())
         .add(Serial{}, start.face.feature, own, g);
     CHECK(losses.face_smooth == own.face_smooth);
