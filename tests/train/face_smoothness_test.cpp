@@ -145,9 +145,10 @@ TEST_CASE("priors of the face: graphs that do not fit are refused") {
         AvatarTrainer{ScalarBackend<>{}, avatar, adam, training_of(w, n)};
     };
     CHECK_FAULT(trainer(weights_of(0.5, 0), {}),
-                "weights.face_smooth is 0.5 and its graph has 0 points, expected those of the face");
+                "weights.face_smooth is 0.5 and its graph has 0 points, expected those of the");
     FaceNeighbours n;
     n.mirror.resize(3);
-    CHECK_FAULT(trainer(weights_of(0, 1), n), "weights.face_mirror is 1 and its graph has 3 points");
+    CHECK_FAULT(trainer(weights_of(0, 1), n),
+                "weights.face_mirror is 1 and its graph has 3 points");
     CHECK_NOTHROW(trainer(weights_of(0, 0), n));
 }

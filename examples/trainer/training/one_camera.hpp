@@ -15,21 +15,20 @@ namespace rye::trainer {
 /// (rye/train/face_smoothness.hpp). 0: not measured yet.
 inline constexpr double one_camera_smooth = 0, one_camera_mirror = 0;
 
-/// Sets gaussians.thickness and opacity, and gaussians.weights.face_smooth and face_mirror, for a
-/// capture of one camera by the presets cpu and gpu, unless the configuration names others; weights
-/// of neighbours not if it splits Gaussians. Returns a sentence, or an empty text.
+/// Sets gaussians.thickness and gaussians.opacity for a capture of one camera by the presets cpu and
+/// gpu, unless the configuration names others, and with them the weights above, unless it names
+/// some or splits Gaussians. Returns a sentence, or an empty text.
 inline std::string flatten_for_one_camera(const Capture& capture, TrainConfig& config) {
     AvatarTrainConfig& g = config.gaussians;
-    AvatarLossConfig& weights = g.weights;
-    const bool chosen = g.thickness != 1 || g.opacity != AvatarTrainConfig{}.opacity ||
-                        weights.face_smooth > 0 || weights.face_mirror > 0;
+    const bool chosen = g.thickness != 1 || g.opacity != AvatarTrainConfig{}.opacity;
     const bool follows = config.preset == "cpu" || config.preset == "gpu";
     if (capture.camera_count() != 1 || chosen || !follows) return {};
     g.thickness = 0.1;
     g.opacity = 0.9;
-    if (g.density.every == 0) {
-        weights.face_smooth = one_camera_smooth;
-        weights.face_mirror = one_camera_mirror;
+    AvatarLossConfig& w = g.weights;
+    if (w.face_smooth == 0 && w.face_mirror == 0 && g.density.every == 0) {
+        w.face_smooth = one_camera_smooth;
+        w.face_mirror = one_camera_mirror;
     }
     return "one camera: the face begins as thin, opaque discs on its surface";
 }
