@@ -46,6 +46,9 @@ struct StepSceneOf {
             w.eye_average = EyeAverage::mask;
             w.dssim = 0.2, w.blank_eyeballs = true, w.face_alone = 1;
             w.eyes_from_eye_terms = true, w.eye_smooth = 0.2, w.eye_high_every = 2;
+            w.face_smooth = 0.5, w.face_mirror = 0.3;
+            training.face_neighbours =
+                face_neighbours(ScalarBackend<Serial>{}, avatar.face.position, w);
             training.bounds = {0.7, 0.1};
         }
         if constexpr (has_effect<E, Kappa>)
@@ -231,6 +234,9 @@ void steps_against_host(const Device& device, const CudaQueue& queue, const Step
         same("blank", r.losses.blank, l.blank);
         same("face_alone", r.losses.face_alone, l.face_alone);
         same("eye_smooth", r.losses.eye_smooth, l.eye_smooth);
+        same("face_smooth", r.losses.face_smooth, l.face_smooth);
+        same("face_mirror", r.losses.face_mirror, l.face_mirror);
+        CHECK(((l.face_smooth > 0) == c.measured && (l.face_mirror > 0) == c.measured));
         same("total", r.losses.total, l.total);
         CHECK(r.losses.total > 0);
         CHECK(r.bad_field == "");

@@ -77,6 +77,20 @@ TEST_CASE("config: density is off in every preset, and asks for what it needs") 
     CHECK(text_of(more).find(" at most ") != std::string::npos);
 }
 
+TEST_CASE("config: priors of the face are off in every preset, and do not go with density") {
+    for (const char* name : {"tiny", "cpu", "gpu", "paper"}) {
+        const AvatarLossConfig w = preset(name).gaussians.weights;
+        CHECK((w.face_smooth == 0 && w.face_mirror == 0));
+    }
+    for (const std::string field : {"face_smooth", "face_mirror"}) {
+        CHECK_NOTHROW(with(one_field("gaussians.weights." + field, 1)));
+        CHECK_FAULT(
+            with({{"gaussians", {{"density", {{"every", 50}}}, {"weights", {{field, 1}}}}}}),
+            "settings.json: field 'gaussians.weights." + field +
+                "': got 1, expected 0, as gaussians.density.every is 50");
+    }
+}
+
 TEST_CASE("config: settings that once began a training and then ended it") {
     CHECK_FAULT(with(one_field("gaussians.checkpoint_every", 0)),
                 "field 'gaussians.checkpoint_every': got 0, expected a whole number from 1 to ");

@@ -33,7 +33,8 @@ cat > small.json << 'EOF'
  "grid": {"cell": 0.35},
  "mesh": {"steps": 15, "image_size": 32, "pretrain_steps": 60, "fit_steps": 40},
  "gaussians": {"steps": 30, "mouth_points": 20, "panel_every": 7, "checkpoint_every": 3,
-  "spacing": 0, "eyeball": {"points": 120}, "upsampler": {"capacity": 2, "doublings": 2}}}
+  "spacing": 0, "eyeball": {"points": 120}, "upsampler": {"capacity": 2, "doublings": 2},
+  "weights": {"face_smooth": 1, "face_mirror": 0.5}}}
 EOF
 begin() { "$rye" train --capture cap --preset tiny --config small.json --quiet "$@"; }
 

@@ -33,7 +33,8 @@ cat > small.json << 'EOF'
  "grid": {"cell": 0.5, "subdivide": false},
  "mesh": {"steps": 8, "image_size": 24, "pretrain_steps": 30, "fit_steps": 5},
  "gaussians": {"steps": 6, "mouth_points": 10, "spacing": 0.3, "panel_every": 4, "checkpoint_every": 3,
-  "augment": true, "planes": 3, "eyeball": {"points": 40}, "upsampler": {"capacity": 2}}}
+  "augment": true, "planes": 3, "eyeball": {"points": 40}, "upsampler": {"capacity": 2},
+  "weights": {"face_smooth": 1, "face_mirror": 0.5}}}
 EOF
 train() { "$rye" train --capture cap --preset tiny --config small.json "$@" > log.txt 2>&1; }
 

@@ -22,6 +22,7 @@
 
 #include "../support/hostile.hpp"
 #include "data/checksums.hpp"
+#include "data/threads.hpp"
 #include "data/validate.hpp"
 #include "tiny_capture.hpp"
 #include "tiny_run.hpp"
@@ -255,6 +256,43 @@ void check_same(const Avatar& a, const Avatar& b) {
 }
 
 } // namespace
+
+TEST_CASE("run: neighbours of the face are those of its beginning, and a resume has its bits") {
+    TrainState state = state_of_different_eyes();
+    AvatarLossConfig& weights = state.config.gaussians.weights;
+    state.config.gaussians.rates.position = 0.01;
+    begin_avatar(state, make_lattice(state));
+    CHECK(first_neighbours(state).near.empty()); // weights of 0
+    weights.face_smooth = 1, weights.face_mirror = 0.5;
+    const FaceNeighbours first =
+        face_neighbours(ScalarBackend<Serial>{}, state.avatar.face.position, weights);
+    const AvatarSample<float> sample = small_sample(state);
+    const auto step = [&](TrainState& s, int count) {
+        const std::unique_ptr<AvatarSteps> steps = avatar_steps(s, {});
+        for (int k = 0; k < count; ++k)
+            CHECK(steps->step(s, sample, 1, [](const char*) {}).bad_field.empty());
+    };
+    TrainState whole = state;
+    step(whole, 4);
+    step(state, 2);
+    const Folder folder;
+    save_checkpoint(folder.path, state);
+    TrainState back = load_checkpoint(folder.path);
+    // Its Gaussians have moved.
+    CHECK(face_neighbours(ScalarBackend<Serial>{}, back.avatar.face.position, weights).near !=
+          first.near);
+    for (const int threads : {1, 3, 0}) {
+        set_threads(threads);
+        const FaceNeighbours again = first_neighbours(back);
+        CHECK((again.near == first.near && again.mirror == first.mirror));
+    }
+    step(back, 2);
+    check_same(back.avatar, whole.avatar);
+    // A drawn state has no guidance mesh, and asks for none.
+    TrainState plain = drawn_state(back);
+    plain.config.gaussians.weights.face_smooth = plain.config.gaussians.weights.face_mirror = 0;
+    CHECK(first_neighbours(plain).mirror.empty());
+}
 
 TEST_CASE("run: two eyes that differ, through steps, a checkpoint, a resume and a drawing") {
     TrainState state = state_of_different_eyes();

@@ -134,6 +134,8 @@ void walk(F& f, TrainConfig& c) {
             f("eye_smooth", g.weights.eye_smooth, any);
             f("eye_average", g.weights.eye_average);
             f("face_alone", g.weights.face_alone, any);
+            f("face_smooth", g.weights.face_smooth, any);
+            f("face_mirror", g.weights.face_mirror, any);
             f("eye_high_every", g.weights.eye_high_every, Range{1, 1e6});
         });
         f("rates", [&] {
@@ -352,6 +354,13 @@ void check(const TrainConfig& c, const std::string& source) {
             "field 'gaussians.density.every': got ", density.every,
             ", expected 0, as gaussians.rates.position is 0: the optimiser then keeps no "
             "gradients of positions, by which Gaussians are chosen");
+    const auto neighbours_stay = [&](const char* field, double weight) {
+        require(density.every == 0 || weight == 0, source, "field 'gaussians.weights.", field,
+                "': got ", weight, ", expected 0, as gaussians.density.every is ", density.every,
+                ": neighbours on the face are those of its Gaussians before any splits or goes");
+    };
+    neighbours_stay("face_smooth", c.gaussians.weights.face_smooth);
+    neighbours_stay("face_mirror", c.gaussians.weights.face_mirror);
     require(c.gaussians.planes != 2, source,
             "field 'gaussians.planes': got 2, expected 1 or 3, which there are kernels for");
     require(

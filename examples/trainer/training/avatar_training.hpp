@@ -10,6 +10,7 @@
 #include <rye/train/avatar_trainer.hpp>
 
 #include "training/run.hpp"
+#include "training/steps.hpp"
 
 namespace rye::trainer {
 
@@ -25,6 +26,7 @@ AvatarTraining<Balanced, Perceptual> avatar_training(const TrainState& state) {
     if (c.gaze_axis == GazeAxis::optical) t.rates.kappa = 0; // kappa, if any, stays 0
     t.centred_corrections = c.gaussians.centre_corrections;
     t.bounds = {c.gaussians.eyeball.max_growth, c.gaussians.eyeball.thickness};
+    t.face_neighbours = first_neighbours(state);
     return t;
 }
 
@@ -39,7 +41,9 @@ inline std::vector<std::pair<std::string, double>> names_of(const AvatarLosses<f
             {"eye_high", l.eye_high},
             {"blank", l.blank},
             {"face_alone", l.face_alone},
-            {"eye_smooth", l.eye_smooth}};
+            {"eye_smooth", l.eye_smooth},
+            {"face_smooth", l.face_smooth},
+            {"face_mirror", l.face_mirror}};
 }
 
 } // namespace rye::trainer

@@ -266,7 +266,10 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
     const double maps = (6.0 * a.channels + 9 + 6) * small + (12 + 5) * full;
     const double pyramid = 2 * 3 * full * (1.0 / 4 + 1.0 / 16);
     const bool dense = g.density.every > 0;
-    const double compared = (g.weights.dssim > 0 ? 9 * full : 0) + (g.augment ? 4 * full : 0);
+    // A graph of neighbours: four of each point, where they are named, and its sums.
+    const int graphs = (g.weights.face_smooth > 0 ? 1 : 0) + (g.weights.face_mirror > 0 ? 1 : 0);
+    const double compared = (g.weights.dssim > 0 ? 9 * full : 0) + (g.augment ? 4 * full : 0) +
+                            graphs * s.face * (9 + a.feature / 64.0);
     return {
         {{{"parameters, gradient and moments", 4 * number * parameters,
            dense ? "avatar.networks, gaussians.density.most or gaussians.spacing"

@@ -11,8 +11,13 @@
 
 namespace rye::trainer {
 
+/// Weights for what one camera does not see, the back and the sides of the head
+/// (rye/train/face_smoothness.hpp). 0: not measured yet.
+inline constexpr double one_camera_smooth = 0, one_camera_mirror = 0;
+
 /// Sets gaussians.thickness and gaussians.opacity for a capture of one camera by the presets cpu and
-/// gpu, unless the configuration names others. Returns a sentence, or an empty text.
+/// gpu, unless the configuration names others, and with them the weights above, unless it names
+/// some or splits Gaussians. Returns a sentence, or an empty text.
 inline std::string flatten_for_one_camera(const Capture& capture, TrainConfig& config) {
     AvatarTrainConfig& g = config.gaussians;
     const bool chosen = g.thickness != 1 || g.opacity != AvatarTrainConfig{}.opacity;
@@ -20,6 +25,11 @@ inline std::string flatten_for_one_camera(const Capture& capture, TrainConfig& c
     if (capture.camera_count() != 1 || chosen || !follows) return {};
     g.thickness = 0.1;
     g.opacity = 0.9;
+    AvatarLossConfig& w = g.weights;
+    if (w.face_smooth == 0 && w.face_mirror == 0 && g.density.every == 0) {
+        w.face_smooth = one_camera_smooth;
+        w.face_mirror = one_camera_mirror;
+    }
     return "one camera: the face begins as thin, opaque discs on its surface";
 }
 

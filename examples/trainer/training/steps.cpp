@@ -32,6 +32,29 @@ TrainEyeball eyeball_of(const Subject& s, const TrainConfig& config, std::size_t
     return shape;
 }
 
+/// Returns what stage 2 begins with beside the guidance mesh.
+AvatarInit<float> avatar_init(const TrainState& state, const TetGrid<float>& grid) {
+    const TrainConfig& config = state.config;
+    AvatarInit<float> init;
+    init.grid = config.grid.subdivide ? subdivide(grid) : grid;
+    init.mouth_points = config.gaussians.mouth_points;
+    init.spacing = static_cast<float>(config.gaussians.spacing);
+    init.spacing_slope = static_cast<float>(config.gaussians.spacing_slope);
+    init.opacity = static_cast<float>(config.gaussians.opacity);
+    init.thickness = static_cast<float>(config.gaussians.thickness);
+    init.eye_opacity = static_cast<float>(config.gaussians.eyeball.opacity);
+    init.eye_thickness = static_cast<float>(config.gaussians.eyeball.thickness);
+    init.eye_centre.resize(3, 2);
+    for (std::size_t e = 0; e < 2; ++e) {
+        init.eyeball[e] = eyeball_of(state.subject, config, e);
+        init.eye_centre.col(static_cast<Index>(e)) = state.subject.eye_centre[e].cast<float>();
+    }
+    init.upsampler = config.gaussians.upsampler;
+    init.upsampler.in_channels = config.avatar.channels;
+    init.frames = static_cast<Index>(state.train_frames.size());
+    return init;
+}
+
 } // namespace
 
 TetGrid<float> make_lattice(const TrainState& state) {
@@ -64,23 +87,7 @@ double fit_landmarks(TrainState& state, const Capture& capture) {
 
 AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     const TrainConfig& config = state.config;
-    AvatarInit<float> init;
-    init.grid = config.grid.subdivide ? subdivide(grid) : grid;
-    init.mouth_points = config.gaussians.mouth_points;
-    init.spacing = static_cast<float>(config.gaussians.spacing);
-    init.spacing_slope = static_cast<float>(config.gaussians.spacing_slope);
-    init.opacity = static_cast<float>(config.gaussians.opacity);
-    init.thickness = static_cast<float>(config.gaussians.thickness);
-    init.eye_opacity = static_cast<float>(config.gaussians.eyeball.opacity);
-    init.eye_thickness = static_cast<float>(config.gaussians.eyeball.thickness);
-    init.eye_centre.resize(3, 2);
-    for (std::size_t e = 0; e < 2; ++e) {
-        init.eyeball[e] = eyeball_of(state.subject, config, e);
-        init.eye_centre.col(static_cast<Index>(e)) = state.subject.eye_centre[e].cast<float>();
-    }
-    init.upsampler = config.gaussians.upsampler;
-    init.upsampler.in_channels = config.avatar.channels;
-    init.frames = static_cast<Index>(state.train_frames.size());
+    const AvatarInit<float> init = avatar_init(state, grid);
     state.avatar = restricted<TrainEffects>(
         initialize_avatar(train_backend(), state.mesh, config.avatar, init, seed_of(state).fork(4)));
     const AvatarSize size{state.avatar.face.position.cols(), state.avatar.eyes.position.cols()};
@@ -100,6 +107,15 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     state.stage = Stage::avatar;
     state.step = 0;
     return size;
+}
+
+FaceNeighbours first_neighbours(const TrainState& state) {
+    const AvatarLossConfig& weights = state.config.gaussians.weights;
+    if (!(weights.face_smooth > 0 || weights.face_mirror > 0)) return {};
+    const FacePoints<float> first =
+        face_points(train_backend(), state.mesh, state.config.avatar,
+                    avatar_init(state, make_lattice(state)), seed_of(state).fork(4));
+    return face_neighbours(train_backend(), first.positions(), weights);
 }
 
 struct MeshStepper::Memory : MeshMemory {

@@ -9,6 +9,8 @@
 #include <optional>
 #include <string>
 
+#include <rye/train/face_smoothness.hpp>
+
 #include "training/run.hpp"
 
 namespace rye::trainer {
@@ -45,6 +47,11 @@ struct AvatarSize {
 
 /// Turns the guidance mesh into an avatar and the state into one of stage 2, step 0.
 AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid);
+
+/// Returns the neighbours of the face's Gaussians at the positions where stage 2 begins: the same
+/// for every state of that stage, as they are of the guidance mesh, which it keeps. Empty, and
+/// nothing is done, if no weight asks for them.
+FaceNeighbours first_neighbours(const TrainState& state);
 
 /// Steps of stage 1, with the memory that they share.
 class MeshStepper {

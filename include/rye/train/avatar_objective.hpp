@@ -26,6 +26,7 @@ template <class T>
 struct AvatarLosses {
     T high_resolution = T(0), low_resolution = T(0), perceptual = T(0), dssim = T(0);
     T eye_low = T(0), eye_high = T(0), blank = T(0), face_alone = T(0), eye_smooth = T(0);
+    T face_smooth = T(0), face_mirror = T(0);
     T total = T(0);  ///< weighted
 };
 

@@ -16,6 +16,7 @@
 #include <rye/nn/adam.hpp>
 #include <rye/train/avatar_objective.hpp>
 #include <rye/train/centring.hpp>
+#include <rye/train/face_smoothness.hpp>
 
 namespace rye {
 
@@ -51,6 +52,8 @@ struct AvatarTraining {
     /// step: what all frames share belongs to the avatar. It is always subtracted from those of
     /// gazes.
     bool centred_corrections = false;
+    /// face_neighbours() of the positions at which the face began, the same for a resumed training.
+    FaceNeighbours face_neighbours = {};
 };
 
 /// Result of a training step.
@@ -78,6 +81,9 @@ class AvatarTrainer {
                 neighbours_ = eye_neighbours(avatar.eyes);
                 neighbour_of_ = neighbour_of(neighbours_);
             }
+        face_smoothness_ =
+            FaceSmoothness(training_.objective.weights, std::move(training_.face_neighbours),
+                           avatar.face.position.cols());
     }
 
     /// Takes a step with the learning rates multiplied by `rate`.
@@ -106,6 +112,9 @@ class AvatarTrainer {
                 r.losses.eye_smooth = term.value;
                 r.losses.total += T(weights.eye_smooth) * term.value;
             }
+        if constexpr (Real<T>)
+            face_smoothness_.add(backend.threads, face_features(avatar_.face), r.losses,
+                                 face_features(gradient_.face));
         r.adam = adam_step(backend, avatar_, gradient_, adam_, [&](const std::string& name) {
             return rate * training_.rates(name);
         });
@@ -121,7 +130,8 @@ class AvatarTrainer {
         return step(sample.drivers, sample, rate, probe);
     }
 
-    /// Returns the losses of the avatar at its current parameters, without smoothness.
+    /// Returns the losses of the avatar at its current parameters, without smoothness of eyes and
+    /// face.
     template <class Probe = NoProbe>
     AvatarLosses<T> losses(const Drivers<T, E>& drivers, const AvatarImages<T>& images,
                            Probe&& probe = {}) {
@@ -199,6 +209,7 @@ class AvatarTrainer {
     AvatarPictures<T, UpsamplerOf<T, E>> pictures_;
     NeighbourGraph neighbours_;  ///< for both eyeballs' points, if their colours are smoothed
     std::vector<std::vector<Index>> neighbour_of_; ///< neighbour_of(neighbours_)
+    FaceSmoothness face_smoothness_;
     Columns<T> driven_smoothness_ = {}; ///< cotangent of features for add_gradient, C x P
 };
 

@@ -133,6 +133,12 @@ struct FacePoints {
     Columns<T> mouth;        ///< points in the mouth, which follow the vertices, 3 x M
     std::array<EyeballTemplate<T>, 2> eyeball;
 
+    /// Returns all points, in the order of the face's Gaussians, 3 x N.
+    Columns<T> positions() const {
+        Columns<T> p(3, surface.vertices.cols() + mouth.cols());
+        p << surface.vertices, mouth;
+        return p;
+    }
     /// Returns the unit normals of all points, 3 x N; +z in the mouth.
     Columns<T> normals() const {
         Columns<T> n(3, surface.vertices.cols() + mouth.cols());
@@ -186,15 +192,14 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
                                   const AvatarConfig& config, const AvatarInit<T, E>& init,
                                   const Random& random) {
     const FacePoints<T> points_of_face = face_points(backend, mesh, config, init, random);
-    const Columns<T>&surface = points_of_face.surface.vertices, &mouth = points_of_face.mouth;
+    const Columns<T>& surface = points_of_face.surface.vertices;
     const Columns<T>& feature = points_of_face.feature;
     const std::array<EyeballTemplate<T>, 2>& eyeball = points_of_face.eyeball;
-    const Index n = surface.cols() + mouth.cols();
 
     TwoStream<T, E> a;
     FaceStream<T, E>& f = a.face;
-    f.position.resize(3, n);
-    f.position << surface, mouth;
+    f.position = points_of_face.positions();
+    const Index n = f.position.cols();
     if constexpr (has_effect<E, FaceDrivers>) {
         f.feature = Columns<T>::Zero(config.feature, n);
         f.feature.leftCols(surface.cols()) = feature.unaryExpr([](const T& v) {

@@ -57,6 +57,10 @@ struct AvatarLossConfig {
     bool eyes_from_eye_terms = false;
     /// Weight of the smoothness of colours on an eyeball (loss/smoothness.hpp). Not in the paper.
     double eye_smooth = 0;
+    /// Weights of the smoothness of the face's features over neighbours on its initial surface, and
+    /// of their likeness on both sides of the head (train/face_smoothness.hpp); 0: off. For parts
+    /// that no picture shows. Not in the paper; see docs/deviations.md.
+    double face_smooth = 0, face_mirror = 0;
     /// Steps per high-resolution eye term, which costs a second super-resolution and counts this
     /// many times.
     int eye_high_every = 1;

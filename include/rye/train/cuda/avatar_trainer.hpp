@@ -9,6 +9,7 @@
 /// build gives the same bits for any division of the steps into runs.
 #pragma once
 
+#include <iterator>
 #include <memory>
 #include <string>
 #include <tuple>
@@ -21,8 +22,8 @@
 #include <rye/splat/cuda/rasterizer.hpp>
 #include <rye/train/avatar_trainer.hpp>
 #include <rye/train/cuda/centring.hpp>
-#include <rye/train/cuda/eye_smoothness.hpp>
 #include <rye/train/cuda/image_losses.hpp>
+#include <rye/train/cuda/smoothness_terms.hpp>
 #include <rye/train/cuda/step_images.hpp>
 #include <rye/train/cuda/trainer_policy.hpp>
 
@@ -66,7 +67,7 @@ class DeviceAvatarTrainer {
         const Columns<float> white = Columns<float>::Ones(channels_, 1);
         white_.reserve(queue, static_cast<std::size_t>(white.size()));
         device.send(queue, white_.data(), white.data(), bytes_of(white.size()));
-        if (weights_.eye_smooth > 0) smoothness_.set(queue, from.avatar.eyes, channels_);
+        smoothness_.set(queue, from.avatar, weights_, training.face_neighbours);
         if (training.bounds.growth > 0) {
             const Columns<float> most =
                 scale_bounds(from.avatar.eyes, static_cast<float>(training.bounds.growth),
@@ -150,8 +151,9 @@ class DeviceAvatarTrainer {
         float* const to[] = {
             &r.losses.high_resolution, &r.losses.low_resolution, &r.losses.perceptual,
             &r.losses.dssim,           &r.losses.eye_low,        &r.losses.eye_high,
-            &r.losses.blank,           &r.losses.face_alone,     &r.losses.eye_smooth};
-        for (int k = 0; k < 9; ++k) *to[k] = l.value[k];
+            &r.losses.blank,           &r.losses.face_alone,     &r.losses.eye_smooth,
+            &r.losses.face_smooth,     &r.losses.face_mirror};
+        for (std::size_t k = 0; k < std::size(to); ++k) *to[k] = l.value[k];
         r.losses.total = l.total;
         r.steps = steps_;
         r.refused_in_a_row = static_cast<Index>(here_.refused);
@@ -309,9 +311,7 @@ class DeviceAvatarTrainer {
             queue, images,
             {p.final.pixels, p.face.pixels, p.eyes.pixels, p.alpha[2], p.high, p.eyes_high},
             {p.g_final.pixels, p.g_face.pixels, p.g_eyes.pixels, p.g_high, p.g_eyes_high});
-        if (weights_.eye_smooth > 0)
-            losses_.add_eye_smooth(
-                smoothness_.into(queue, avatar_, weights_.eye_smooth, gradient_));
+        smoothness_.into(queue, avatar_, gradient_, losses_);
     }
     /// Adds the gradient of all terms to gradient_.
     void back(const CudaQueue& queue, const StepDraw& d, const DeviceStepImages& p,
@@ -343,10 +343,9 @@ class DeviceAvatarTrainer {
         launch_each(device_, queue, avatar_.face_count() + avatar_.eye_count(),
                     JoinGradients{r.of[0].gradient, r.of[1].gradient, r.of[2].gradient,
                                   avatar_.face_count(), weights_.eyes_from_eye_terms});
-        if (weights_.eye_smooth > 0)
-            smoothness_.add_into(queue, columns_from(avatar_.g_cloud(queue),
-                                                     {avatar_.face_count(), avatar_.eye_count()})
-                                            .feature);
+        smoothness_.add_into(queue, columns_from(avatar_.g_cloud(queue),
+                                                 {avatar_.face_count(), avatar_.eye_count()})
+                                        .feature);
         end_part(queue, "renders, back");
         avatar_.vjp_into(queue, gradient_);
         end_part(queue, "drive, back");
@@ -382,7 +381,7 @@ class DeviceAvatarTrainer {
     std::unique_ptr<DeviceFrame<Device>> frame_[step_renders];
     DeviceViews<Device> views_;
     DeviceImageLosses<Device, Perceptual> losses_;
-    DeviceEyeSmoothness<E, Device> smoothness_;
+    DeviceSmoothnessTerms<E, Device> smoothness_;
     Index channels_;            ///< channels of a render
     bool centred_poses_;
     DeviceCloudBuffer part_[2]; ///< gradients of the face's and of the eyes' render

@@ -125,7 +125,7 @@ class DeviceImageLosses {
     void into(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
               const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
         check(images, p, g);
-        terms_.assign(terms, DeviceLossTerm{});
+        terms_.assign(without_face, DeviceLossTerm{});
         branches_.run(queue, 3, [&](std::size_t k, const CudaQueue& q) {
             if (k == 0) picture_terms(q, images, p, g);
             if (k == 1) render_terms(q, images, p, g);
@@ -135,6 +135,11 @@ class DeviceImageLosses {
     /// Adds a term that is not of images: the smoothness of the eyes' colours. Call it between
     /// into() and report_into().
     void add_eye_smooth(const DeviceLossTerm& term) { terms_[8] = term; }
+    /// Adds the smoothness and the mirrored likeness of the face's features, as add_eye_smooth.
+    void add_face(const DeviceLossTerm& smooth, const DeviceLossTerm& mirror) {
+        terms_.resize(terms);
+        terms_[9] = smooth, terms_[10] = mirror;
+    }
     /// Enqueues the report of values and total, which stays on the device.
     void report_into(const CudaQueue& queue) { report_.sum_into(queue, terms_); }
 
@@ -146,7 +151,8 @@ class DeviceImageLosses {
         AvatarLosses<float> l;
         float* const to[terms] = {&l.high_resolution, &l.low_resolution, &l.perceptual,
                                   &l.dssim,           &l.eye_low,        &l.eye_high,
-                                  &l.blank,           &l.face_alone,     &l.eye_smooth};
+                                  &l.blank,           &l.face_alone,     &l.eye_smooth,
+                                  &l.face_smooth,     &l.face_mirror};
         for (int k = 0; k < terms; ++k) *to[k] = r.value[k];
         l.total = r.total;
         return l;
@@ -155,10 +161,11 @@ class DeviceImageLosses {
     const LossReport* report() const { return report_.data(); }
 
   private:
-    static constexpr int terms = 9;
+    static constexpr int without_face = 9, terms = 11; ///< a report of the former has 0 beyond
     static constexpr const char* names[terms] = {"high_resolution", "low_resolution", "perceptual",
                                                  "dssim",           "eye_low",        "eye_high",
-                                                 "blank",           "face_alone",     "eye_smooth"};
+                                                 "blank",           "face_alone",     "eye_smooth",
+                                                 "face_smooth",     "face_mirror"};
 
     /// Enqueues the terms of the final picture.
     template <class P>
@@ -280,7 +287,7 @@ class DeviceImageLosses {
     DeviceMaskGain<Device> small_gain_, full_gain_, blank_gain_;
     const double* small_ = nullptr;
     DeviceBuffer<unsigned char> moved_;
-    std::vector<DeviceLossTerm> terms_ = std::vector<DeviceLossTerm>(terms);
+    std::vector<DeviceLossTerm> terms_ = std::vector<DeviceLossTerm>(without_face);
     DeviceLossReport<Device> report_;
 };
 
