@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // step [--kernels] [--json FILE]: a training step of stage 2 on this device, part by part, with the
-// sizes of the presets cpu, gpu and paper and nothing trained. Each part is a CUDA graph of its
+// sizes of the presets cpu, gpu and paper-literal and nothing trained. Each part is a CUDA graph of its
 // own, launched in turn with an event between; below, the whole as one graph. Milliseconds are
 // medians of 50; launches are nodes of the graph; products are those of networks and convolutions,
 // beside what this device was measured to do (limits), as the optimiser's bytes are. --kernels: a
@@ -221,7 +221,7 @@ StepSizes gpu() {
     return s;
 }
 StepSizes paper() {
-    StepSizes s{"paper", {}, 512, true, {}, {}};
+    StepSizes s{"paper-literal", {}, 512, true, {}, {}};
     s.subject.config.expression = 64;
     s.subject.points = 107000, s.subject.of_an_eye = 1500;
     return s;

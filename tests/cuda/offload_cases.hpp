@@ -36,7 +36,7 @@ MeshStep<T> mesh_step(const B& backend) {
     const AvatarConfig config = tiny_config();
     const LandmarkRoles roles = tiny_roles();
     MeshLossConfig weights;
-    weights.laplacian = 1; // 100 would drown the others
+    weights.laplacian_unit = LaplacianUnit::metre;
     const TetGrid<T> grid = grid_in<T>(tiny_grid());
     const MeshStage<T> stage{{{config, roles, true}, weights}, grid};
     const GuidanceMesh<T> mesh = rounded_mesh<T>();

@@ -170,7 +170,7 @@ void pictures() {
 
 void texts() {
     std::vector<std::string> words;
-    for (const char* name : {"tiny", "cpu", "gpu", "paper"}) {
+    for (const std::string& name : trainer::preset_names()) {
         const auto json = trainer::to_json(trainer::preset(name));
         seed("config", name, json.dump());
         const auto each = [&](auto&& self, const nlohmann::ordered_json& object) -> void {

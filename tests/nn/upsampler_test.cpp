@@ -16,6 +16,31 @@ UpsamplerShape shape(int in, int capacity, int doublings, Normalization norm, bo
     return {in, capacity, doublings, norm, skip};
 }
 
+/// A square of noise, the iris, in the middle of other features: a face's, or white.
+Image<float> iris_on(const Image<float>& around) {
+    Image<float> in = around;
+    const Image<float> iris = random_image<float>(12, 12, in.channels(), 3);
+    for (int y = 0; y < 12; ++y)
+        for (int x = 0; x < 12; ++x) in.at(10 + x, 10 + y) = iris.at(x, y);
+    return in;
+}
+
+/// How far the colours of an iris in the whole picture are from those of the same features in the
+/// picture of the eyes alone, at most, in the part of it that convolutions see nothing else from.
+float iris_gap(const UpsamplerShape& s) {
+    const Upsampler<float> u = Upsampler<float>::init(s, Random{1, 0});
+    const auto shown = [&](const Image<float>& around) {
+        return upsampler_forward(XsimdBackend<>{}, u, iris_on(around), nullptr);
+    };
+    const Image<float> whole = shown(random_image<float>(32, 32, s.in_channels, 4));
+    const Image<float> alone = shown(Image<float>(32, 32, s.in_channels, 1.0f));
+    float gap = 0;
+    for (int y = 15 << s.doublings; y < 17 << s.doublings; ++y)
+        for (int x = 15 << s.doublings; x < 17 << s.doublings; ++x)
+            gap = std::max(gap, (whole.at(x, y) - alone.at(x, y)).cwiseAbs().maxCoeff());
+    return gap;
+}
+
 } // namespace
 
 TEST_CASE("upsampler: parameter counts of the published network") {
@@ -65,6 +90,16 @@ TEST_CASE("upsampler: with the skip, training starts at the doubled image") {
     const Upsampler<float> u = Upsampler<float>::init(s, Random{1, 0});
     const Image<float> y = upsampler_forward(XsimdBackend<>{}, u, in, nullptr);
     CHECK((y.pixels - doubled(XsimdBackend<>{}, rgb).pixels).cwiseAbs().maxCoeff() < 1e-6f);
+}
+
+TEST_CASE("upsampler: InstanceNorm gives the same iris another colour beside other pixels") {
+    // The mean and variance are those of the whole picture, so the eye term of the final size,
+    // which super-resolves the eyes alone, trains another function than the one that is shown.
+    for (const int doublings : {0, 1, 2}) {
+        CAPTURE(doublings);
+        CHECK(iris_gap(shape(8, 4, doublings, Normalization::instance, false)) > 0.02f);
+        CHECK(iris_gap(shape(8, 4, doublings, Normalization::none, false)) < 1e-6f);
+    }
 }
 
 TEST_CASE("upsampler: odds times the base are the sigmoid of the sum of logits") {

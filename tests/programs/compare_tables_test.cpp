@@ -46,6 +46,21 @@ bool has(const std::string& text, const std::string& words) {
 
 } // namespace
 
+TEST_CASE("tables: the gaze error where irises are found has a column of its own") {
+    const nlohmann::json group = {
+        {"gaze", {{"render", {{"degrees", 48}, {"degrees_where_found", 6}}}}}};
+    const nlohmann::json none = {
+        {"gaze", {{"render", {{"degrees", 90}, {"degrees_where_found", nullptr}}}}}};
+    bool there = false;
+    for (const Metric& m : all_metrics()) {
+        if (m.name != "gaze_where_found") continue;
+        there = true;
+        CHECK(metric_of(group, m) == std::vector<double>{6});
+        CHECK(metric_of(none, m).empty());
+    }
+    CHECK(there);
+}
+
 TEST_CASE("tables: means, deviations and paired differences by hand") {
     const Example e;
     const ExperimentTables tables(e.experiment, e.runs);
@@ -122,7 +137,7 @@ TEST_CASE("lists: the built-in ones are valid for each preset, and come back fro
     for (const std::string& name : built_in_experiments()) {
         INFO(name);
         Experiment e = built_in_experiment(name);
-        for (const char* preset : {"tiny", "cpu", "gpu", "paper"}) {
+        for (const std::string& preset : preset_names()) {
             configure(e, {preset, nullptr, "", 7});
             for (const ExperimentRow& row : e.rows) CHECK(row.effective.seed == 7);
         }

@@ -57,8 +57,7 @@ TEST_CASE("config: no number is taken out of its range, and the message names th
 }
 
 TEST_CASE("config: density is off in every preset, and asks for what it needs") {
-    for (const char* name : {"tiny", "cpu", "gpu", "paper"})
-        CHECK(preset(name).gaussians.density.every == 0);
+    for (const std::string& name : preset_names()) CHECK(preset(name).gaussians.density.every == 0);
     CHECK_FAULT(with({{"gaussians", {{"density", {{"every", 100}, {"first", 500}, {"last", 400}}}}}}),
                 "settings.json: field 'gaussians.density.last': got 400, expected "
                 "gaussians.density.first (500) or more");

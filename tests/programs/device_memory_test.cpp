@@ -99,7 +99,7 @@ void stated_is_held(TrainConfig config, const DeviceSizes& sizes, const TwoStrea
 
 TEST_CASE("device: what is stated of an avatar is what it holds") {
     const DeviceSizes sizes{30000, 8000, {20000, 25000, 4000, 4500}, 32, 576, 512, 512, false};
-    for (const std::string name : {"cpu", "gpu", "paper"}) {
+    for (const std::string name : {"cpu", "gpu", "paper", "paper-literal"}) {
         CAPTURE(name);
         TrainConfig c = preset(name);
         c.avatar.expression = 64;

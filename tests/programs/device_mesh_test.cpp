@@ -23,7 +23,7 @@ TrainState tiny_state() {
     TrainState state;
     state.config = preset("tiny");
     state.config.avatar = tiny_config();
-    state.config.mesh.weights.laplacian = 1;
+    state.config.mesh.weights.laplacian_unit = LaplacianUnit::metre;
     state.config.mesh.pretrain_steps = 1;
     state.config.grid.half_side = 1.6;
     state.subject.roles = tiny_roles();

@@ -177,7 +177,7 @@ TEST_CASE("device: auto takes it where there is one with kernels for the configu
 }
 
 TEST_CASE("device: parts without kernels are named") {
-    for (const char* name : {"tiny", "cpu", "gpu", "paper"}) {
+    for (const std::string& name : preset_names()) {
         INFO(name);
         CHECK(without_kernels(preset(name)) == "");
     }

@@ -87,6 +87,42 @@ TEST_CASE("draws: an epoch shows every frame once, in another order each time; s
     CHECK(differs);
 }
 
+TEST_CASE("draws: an epoch over pictures shows each once, in another order each time") {
+    const TemporaryFolder folder;
+    const TinyCapture files(folder.path);
+    Capture capture = read_capture(files.folder);
+    const std::size_t cameras = capture.camera_ids.size();
+    REQUIRE(cameras > 1);
+    capture.views[static_cast<std::size_t>(capture.train[0]) * cameras].present = false;
+    const std::size_t n = capture.train.size() * cameras - 1;
+    TrainConfig config = settings();
+    config.gaussians.steps = 0;
+    config.gaussians.epochs = 6;
+    config.mesh.steps = 0;
+    config.mesh.epochs = 6;
+    config.mesh.views = 4;
+    CHECK(total_steps(config.gaussians, capture) == 6 * Index(capture.train.size()));
+    CHECK(total_steps(config.mesh, capture) == 6 * Index(capture.train.size()));
+    config.gaussians.epochs_over = config.mesh.epochs_over = EpochsOver::pictures;
+    CHECK(total_steps(config.mesh, capture) == (6 * Index(n) + 3) / 4);
+    const SampleDraws draws(capture, config);
+    CHECK(draws.total() == 6 * Index(n));
+    std::set<std::vector<std::pair<int, int>>> orders;
+    for (Index epoch = 0; epoch < 6; ++epoch) {
+        std::vector<std::pair<int, int>> order;
+        for (Index i = 0; i < Index(n); ++i) {
+            const SampleDraw d = draws(epoch * Index(n) + i);
+            CHECK(capture.view(d.frame, d.camera).present);
+            order.emplace_back(d.frame, d.camera);
+        }
+        orders.insert(order);
+        CHECK(std::set(order.begin(), order.end()).size() == n);
+    }
+    CHECK(orders.size() > 1);
+    config.gaussians.steps = 7;
+    CHECK(total_steps(config.gaussians, capture) == 7);
+}
+
 TEST_CASE("draws: no random scale where it is off") {
     const TemporaryFolder folder;
     const TinyCapture files(folder.path);

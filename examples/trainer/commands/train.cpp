@@ -142,7 +142,7 @@ class Trainer {
     bool train_mesh() {
         const TrainConfig& config = state_.config;
         const MeshTrainConfig& m = config.mesh;
-        const Index total = total_steps(m.steps, m.epochs, capture_);
+        const Index total = total_steps(m, capture_);
         const Random order = random_.fork(1), views = random_.fork(2);
         const std::unique_ptr<MeshNetworks> networks = device_ ? mesh_networks() : nullptr;
         if (state_.step == 0) pretrain_mesh(state_, networks.get());
@@ -472,11 +472,22 @@ TrainState first_state(const TrainConfig& config, const Capture& capture,
     TrainState state;
     state.config = config;
     state.config.avatar.expression = capture.expression_width();
+    choose_doublings(state.config, capture.width, capture.height);
     require_gazes(capture, config.gaze_axis);
     state.capture = folder.string();
     state.subject = describe_subject(capture, state.config);
     state.train_frames = capture.train;
     return state;
+}
+
+/// Returns a sentence about the doublings that a run's photographs led to.
+std::string words_of_doublings(const TrainConfig& config, const Capture& capture) {
+    const int doublings = config.gaussians.upsampler.doublings;
+    const auto side = [&](int full) {
+        return std::to_string((full + (1 << doublings) - 1) >> doublings);
+    };
+    return "stage 2 draws at " + side(capture.width) + " x " + side(capture.height) +
+           " pixels: gaussians.upsampler.doublings is " + std::to_string(doublings);
 }
 
 int train(const TrainOptions& o) {
@@ -518,6 +529,9 @@ int train(const TrainOptions& o) {
     else state = first_state(config, capture, folder);
     const std::string refined = o.resume ? "" : refine_further(labels, state.config);
     const std::string flat = o.resume ? "" : flatten_for_one_camera(capture, state.config);
+    const std::string drawn = !o.resume && config.gaussians.auto_doublings
+                                  ? words_of_doublings(state.config, capture)
+                                  : "";
     const RunSize size = run_size(state.config, state.subject, capture.width, capture.height);
     require_room(size, most_memory(), o.config.empty() ? "--preset " + config.preset
                                                        : o.config.string());
@@ -546,7 +560,7 @@ int train(const TrainOptions& o) {
                              : Beginning::fresh);
     // After all checks that may fail: an error is one line.
     for (const std::string& words : expect) std::cerr << "rye: warning: " << words << "\n";
-    if (config.preset == "paper" && o.perceptual_weights.empty())
+    if (config.preset.starts_with("paper") && o.perceptual_weights.empty())
         std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
                      "VGG16 term is replaced by one of gradient pyramids\n";
     if (!quiet(o)) {
@@ -554,7 +568,7 @@ int train(const TrainOptions& o) {
         for (const std::string& line : labels.lines()) std::cout << line << "\n";
     }
     if (!quiet(o))
-        for (const std::string& words : {refined, flat})
+        for (const std::string& words : {refined, flat, drawn})
             if (!words.empty()) std::cout << words << "\n";
     if (!o.resume && !(labels.empty() && cameras.empty())) {
         Json line = {{"stage", "labels"}, {"step", 0}};
@@ -588,8 +602,9 @@ void add_train(CLI::App& app) {
     c->add_option("--out", options->out, "Folder of the run: checkpoint, log.jsonl, panels");
     c->add_option("--preset", options->preset,
                   "tiny: minutes on two cores; cpu: below an hour; gpu: 512 x 512 pixels, on a "
-                  "large device; paper: the paper's numbers")
-        ->check(CLI::IsMember({"tiny", "cpu", "gpu", "paper"}))
+                  "large device; paper: the paper's method; paper-literal: its numbers as they "
+                  "stand, whatever the capture's size, cameras and unit")
+        ->check(CLI::IsMember(preset_names()))
         ->capture_default_str();
     add_device(*c, options->device,
                "Where stage 2 is trained; auto: a CUDA device where this build has kernels, a "

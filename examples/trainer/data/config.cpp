@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "data/config.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <map>
@@ -21,8 +22,15 @@ constexpr Range any{0, 1e6};            // weights and lengths, which may be 0
 constexpr Range above_zero{1e-9, 1e6};
 constexpr Range rate{0, 10};            // learning rates
 constexpr Range steps{0, 1e9};
+constexpr int most_doublings = 4;
 constexpr Range part{1e-6, 1 - 1e-6};   // fractions, without 0 and 1
 constexpr Range seeds{0, 18446744073709551616.};  // 2^64: all of them
+
+/// A whole number, or the word "auto", which leaves it to the program.
+struct NumberOrAuto {
+    int& number;
+    bool& automatic;
+};
 
 /// Lists each field of the configuration once, with its valid values; Reader and Writer below
 /// traverse it.
@@ -77,6 +85,7 @@ void walk(F& f, TrainConfig& c) {
         MeshTrainConfig& m = c.mesh;
         f("steps", m.steps, steps);
         f("epochs", m.epochs, Range{0, 1e6});
+        f("epochs_over", m.epochs_over);
         f("views", m.views, Range{1, 1000});
         f("image_size", m.image_size, Range{8, 16384});
         f("pretrain_steps", m.pretrain_steps, Range{0, 1e6});
@@ -94,6 +103,7 @@ void walk(F& f, TrainConfig& c) {
             f("offset", m.weights.offset, any);
             f("landmark", m.weights.landmark, any);
             f("laplacian", m.weights.laplacian, any);
+            f("laplacian_unit", m.weights.laplacian_unit);
             f("eye_offset", m.weights.eye_offset, any);
         });
         f("rates", [&] {
@@ -105,6 +115,7 @@ void walk(F& f, TrainConfig& c) {
         AvatarTrainConfig& g = c.gaussians;
         f("steps", g.steps, steps);
         f("epochs", g.epochs, Range{0, 1e6});
+        f("epochs_over", g.epochs_over);
         f("mouth_points", g.mouth_points, Range{0, 1e7});
         f("spacing", g.spacing, Range{1e-4, 1000, true});
         f("spacing_slope", g.spacing_slope, Range{0, 1000});
@@ -120,6 +131,7 @@ void walk(F& f, TrainConfig& c) {
             f("opacity", g.eyeball.opacity, part);
             f("thickness", g.eyeball.thickness, Range{1e-6, 1});
             f("max_growth", g.eyeball.max_growth, Range{1e-3, 1e6, true});
+            f("bulge", g.eyeball.bulge);
         });
         f("weights", [&] {
             f("high_resolution", g.weights.high_resolution, any);
@@ -167,7 +179,8 @@ void walk(F& f, TrainConfig& c) {
         });
         f("upsampler", [&] {
             f("capacity", g.upsampler.capacity, Range{1, 1024});
-            f("doublings", g.upsampler.doublings, Range{0, 4});
+            f("doublings", NumberOrAuto{g.upsampler.doublings, g.auto_doublings},
+              Range{0, most_doublings});
             f("norm", g.upsampler.norm);
             f("skip", g.upsampler.skip);
         });
@@ -181,6 +194,16 @@ const std::vector<std::string>& words();
 template <>
 const std::vector<std::string>& words<EyeAverage>() {
     static const std::vector<std::string> w{"image", "mask"};
+    return w;
+}
+template <>
+const std::vector<std::string>& words<LaplacianUnit>() {
+    static const std::vector<std::string> w{"metre", "world"};
+    return w;
+}
+template <>
+const std::vector<std::string>& words<EpochsOver>() {
+    static const std::vector<std::string> w{"frames", "pictures"};
     return w;
 }
 template <>
@@ -229,6 +252,8 @@ struct Writer {
             json[name] = words<X>()[static_cast<std::size_t>(value)];
         } else if constexpr (std::is_same_v<X, ChosenMetric>) {
             json[name] = metric_words()[value.index()];
+        } else if constexpr (std::is_same_v<X, NumberOrAuto>) {
+            json[name] = value.automatic ? Json("auto") : Json(value.number);
         } else {
             json[name] = value;
         }
@@ -291,6 +316,12 @@ struct Reader {
         } else if constexpr (std::is_same_v<X, ChosenMetric>) {
             if (word(metric_words()) == 0) value = SquaredDistance{};
             else value = EuclideanDistance{};
+        } else if constexpr (std::is_same_v<X, NumberOrAuto>) {
+            value.automatic = *found == "auto";
+            if (value.automatic) return;
+            if (!found->is_number_integer() || !within(found->template get<double>(), range))
+                fail("\"auto\" or a whole number " + text(range));
+            value.number = found->template get<int>();
         } else if constexpr (std::is_same_v<X, bool>) {
             if (!found->is_boolean()) fail("true or false");
             value = found->template get<bool>();
@@ -391,6 +422,18 @@ NetworkConfig narrow_networks(int wide, int narrow) {
     return n;
 }
 
+/// Changes the preset `paper` to `paper-literal`: an epoch over frames, whatever the number of
+/// cameras; super-resolution from a quarter of any picture's size; the Laplacian's weight without a
+/// unit; eyes of free colours with the iris on a plane.
+void take_literal_readings(TrainConfig& c) {
+    c.eye_appearance = EyeAppearanceName::free;
+    c.mesh.weights.laplacian_unit = LaplacianUnit::world;
+    AvatarTrainConfig& g = c.gaussians;
+    g.epochs_over = EpochsOver::frames;
+    g.eyeball.bulge = false;
+    g.auto_doublings = false;
+}
+
 /// Changes the preset `cpu` to one that a large device trains in minutes: pictures of 512 x 512,
 /// half of the paper's widths, a finer face, three times the steps.
 void take_device_sizes(TrainConfig& c) {
@@ -471,12 +514,19 @@ void from_json(const nlohmann::ordered_json& json, const std::string& source, Tr
     check(config, source);
 }
 
+const std::vector<std::string>& preset_names() {
+    static const std::vector<std::string> names{"tiny", "cpu", "gpu", "paper", "paper-literal"};
+    return names;
+}
+
 TrainConfig preset(const std::string& name) {
     TrainConfig c;
     c.preset = name;
     if (name == "paper") return c;
+    take_literal_readings(c);
+    if (name == "paper-literal") return c;
     require(name == "cpu" || name == "tiny" || name == "gpu", "preset", "got '", name,
-            "', expected tiny, cpu, gpu or paper");
+            "', expected tiny, cpu, gpu, paper or paper-literal");
     const bool tiny = name == "tiny";
     // Reductions of the paper's days on a graphics card: narrower networks, fewer Gaussians, one
     // doubling of the image, larger rates that decay.
@@ -532,6 +582,17 @@ TrainConfig preset(const std::string& name) {
     if (!tiny) take_generalisation(c);
     if (name == "gpu") take_device_sizes(c);
     return c;
+}
+
+void choose_doublings(TrainConfig& config, int width, int height) {
+    AvatarTrainConfig& g = config.gaussians;
+    if (!g.auto_doublings) return;
+    g.auto_doublings = false;
+    const int side = std::max(width, height);
+    g.upsampler.doublings = 0;
+    while (g.upsampler.doublings < most_doublings &&
+           side >> (g.upsampler.doublings + 1) >= least_render_side)
+        ++g.upsampler.doublings;
 }
 
 } // namespace rye::trainer

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
@@ -22,9 +23,14 @@ struct GridConfig {
     bool subdivide = true;    ///< once more for stage 2, as GHA does
 };
 
+/// What an epoch goes through: the training frames, each by cameras drawn at random, or all their
+/// pictures.
+enum class EpochsOver { frames, pictures };
+
 struct MeshTrainConfig {
-    int steps = 0;            ///< 0: `epochs` times the training frames
+    int steps = 0; ///< 0: `epochs` over frames, or over pictures, of which a step has `views`
     int epochs = 50;
+    EpochsOver epochs_over = EpochsOver::frames; ///< GHA's; the paper says nothing of stage 1
     int views = 4;            ///< cameras per step
     int image_size = 256;     ///< width of the rasterised image [px]
     int pretrain_steps = 300; ///< of the sphere
@@ -45,11 +51,13 @@ struct EyeballConfig {
     double opacity = 0.9;       ///< initial
     double thickness = 1;       ///< along the normal, times the width
     double max_growth = 0;      ///< of scales, times the template's spacing; 0: no bound
+    bool bulge = true;          ///< false: the iris lies on a plane behind the cornea
 };
 
 struct AvatarTrainConfig {
-    int steps = 0;              ///< 0: `epochs` times the training frames
+    int steps = 0; ///< 0: `epochs` over frames or pictures, one picture a step
     int epochs = 500;
+    EpochsOver epochs_over = EpochsOver::pictures;
     int mouth_points = 3000;
     /// Edges of the neutral surface longer than spacing + spacing_slope * (distance to the nearest
     /// eye or lip landmark) are halved, canonical units; spacing 0: none.
@@ -69,6 +77,8 @@ struct AvatarTrainConfig {
     bool centre_corrections = false;
     DensityConfig density;      ///< off in every preset
     UpsamplerShape upsampler;   ///< in_channels follows from the avatar
+    /// True if choose_doublings is to set upsampler.doublings; JSON: "auto".
+    bool auto_doublings = true;
     /// bf16 planes per float in the networks' products on a device: 1 for 8 bits of each factor, 3
     /// for 24. The CPU computes in floats.
     int planes = 1;
@@ -91,10 +101,10 @@ enum class GazeMechanismName {
 };
 
 /// Features of the eyes' Gaussians: trained constants, or driven by gaze, head rotation and
-/// expression (rye/rig/driven_features.hpp). Not set by any preset.
+/// expression (rye/rig/driven_features.hpp), which the paper calls a dynamic generator.
 enum class EyeAppearanceName { free, driven };
 /// Effect of light on the head: none, or colours that depend on the head's rotation under fixed
-/// lights (rye/avatar/head_shading.hpp). Not in the paper; not set by any preset.
+/// lights (rye/avatar/head_shading.hpp). Not in the paper; `cpu` and `gpu` have it.
 enum class ShadingName { none, head_pose };
 
 /// Returns the words of a configuration for the names.
@@ -102,6 +112,7 @@ const std::string& word_of(GazeMechanismName mechanism);
 const std::string& word_of(EyeAppearanceName appearance);
 const std::string& word_of(ShadingName shading);
 
+/// Settings of a training. Every default is the paper's, or GHA's where the paper gives none.
 struct TrainConfig {
     std::string preset;
     std::uint64_t seed = 1;
@@ -113,15 +124,26 @@ struct TrainConfig {
     bool correct_cameras = false; ///< for poses and focal lengths (training/cameras.hpp)
     AvatarConfig avatar;
     GazeMechanismName gaze_mechanism = GazeMechanismName::rotation; ///< JSON: avatar.gaze_mechanism
-    EyeAppearanceName eye_appearance = EyeAppearanceName::free;  ///< JSON: avatar.eye_appearance
+    EyeAppearanceName eye_appearance = EyeAppearanceName::driven;   ///< JSON: avatar.eye_appearance
     ShadingName shading = ShadingName::none;                     ///< JSON: avatar.shading
     GridConfig grid;
     MeshTrainConfig mesh;
     AvatarTrainConfig gaussians;
 };
 
-/// Returns the preset "tiny", "cpu", "gpu" or "paper"; throws an Error for another name.
+/// Returns the names of the presets.
+const std::vector<std::string>& preset_names();
+
+/// Returns the preset of a name; throws an Error for one that is not in preset_names(). A
+/// configuration that was written before a field existed has the field of "paper-literal".
 TrainConfig preset(const std::string& name);
+
+/// Longer side [px] that choose_doublings leaves of a render, at least.
+inline constexpr int least_render_side = 512;
+
+/// Sets gaussians.upsampler.doublings, if "auto", for photographs of this size [px]: as many, up to
+/// 4, as leave renders with a longer side of least_render_side or more.
+void choose_doublings(TrainConfig& config, int width, int height);
 
 nlohmann::ordered_json to_json(const TrainConfig& config);
 

@@ -38,8 +38,9 @@ Experiment mechanisms() {
     row("learned quaternion", "learned_quaternion");
     row("none", "none");
     e.base = {{"avatar", {{"eye_appearance", "free"}}}}; // other mechanisms have no driven eyes
-    e.columns = {"head_ssim", "head_psnr",           "lpips", "face_ssim", "face_psnr", "eyes_psnr",
-                 "gaze",      "gaze_without_labels", "irises"};
+    e.columns = {"head_ssim",           "head_psnr", "lpips", "face_ssim",
+                 "face_psnr",           "eyes_psnr", "gaze",  "gaze_where_found",
+                 "gaze_without_labels", "irises"};
     return e;
 }
 
@@ -73,7 +74,8 @@ Experiment losses() {
     added("tiny", "mean over the eye's pixels", {"eye_average", "eye_low", "eye_high", "blank"});
     added("cpu", "high-resolution eye term in every third step", {"eye_high_every"});
     e.rows.push_back({"the preset", "rye", Json::object()});
-    e.columns = {"head_ssim", "head_psnr", "eyes_psnr", "gaze", "gaze_without_labels", "irises"};
+    e.columns = {"head_ssim",        "head_psnr",           "eyes_psnr", "gaze",
+                 "gaze_where_found", "gaze_without_labels", "irises"};
     return e;
 }
 
@@ -84,7 +86,8 @@ Experiment deformation() {
     e.rows.push_back({"with", "rye", Json::object()});
     e.rows.push_back(
         {"without", "no_deformation", {{"avatar", {{"gaze_near", 0}, {"gaze_far", 0}}}}});
-    e.columns = {"skin_ssim", "skin_psnr", "eyes_psnr", "gaze", "gaze_without_labels"};
+    e.columns = {"skin_ssim",        "skin_psnr",           "eyes_psnr", "gaze",
+                 "gaze_where_found", "gaze_without_labels", "irises"};
     return e;
 }
 
@@ -184,6 +187,7 @@ const std::vector<Metric>& all_metrics() {
         {"skin_psnr", "PSNR, eye crops, eyeballs white [dB]", "/eyes_painted_white/psnr", 2},
         {"lpips", "LPIPS", "/lpips", 3},
         {"gaze", "gaze error [deg]", "/gaze/render/degrees", 2},
+        {"gaze_where_found", "gaze error where found [deg]", "/gaze/render/degrees_where_found", 2},
         {"gaze_to_label", "gaze to label [deg]", "/gaze/render/degrees_to_label", 2},
         {"gaze_without_labels", "gaze error without labels [deg]",
          "/gaze_without_labels/render/degrees", 2},

@@ -205,9 +205,8 @@ DeviceSizes device_sizes(const TrainState& state, const Capture& capture) {
     }
     // All Gaussians that split may lie in one list.
     const AvatarTrainConfig& g = state.config.gaussians;
-    const double most =
-        most_of_face(g.density, s.face, state.stage == Stage::avatar ? state.step : 0,
-                     total_steps(g.steps, g.epochs, capture));
+    const double most = most_of_face(
+        g.density, s.face, state.stage == Stage::avatar ? state.step : 0, total_steps(g, capture));
     for (double& points : s.listed) points = list_room(points + most - s.face, most);
     s.face = most;
     return s;

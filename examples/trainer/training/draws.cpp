@@ -8,15 +8,36 @@
 
 namespace rye::trainer {
 
-int frame_of_step(const std::vector<int>& frames, Index step, const Random& random) {
-    const Index n = static_cast<Index>(frames.size());
+namespace {
+
+/// Returns the element of a step, of all of which an epoch has each once.
+template <class X>
+X element_of_step(std::vector<X> order, Index step, const Random& random) {
+    const Index n = static_cast<Index>(order.size());
     const Random epoch = random.fork(static_cast<std::uint64_t>(step / n));
-    std::vector<int> order = frames;
     for (Index i = n - 1; i > 0; --i)
         std::swap(
             order[static_cast<std::size_t>(i)],
             order[static_cast<std::size_t>(epoch.below(static_cast<std::uint64_t>(i), i + 1))]);
     return order[static_cast<std::size_t>(step % n)];
+}
+
+} // namespace
+
+int frame_of_step(const std::vector<int>& frames, Index step, const Random& random) {
+    return element_of_step(frames, step, random);
+}
+
+FrameCamera picture_of_step(const std::vector<FrameCamera>& pictures, Index step,
+                            const Random& random) {
+    return element_of_step(pictures, step, random);
+}
+
+std::vector<FrameCamera> training_pictures(const Capture& capture) {
+    std::vector<FrameCamera> all;
+    for (const int frame : capture.train)
+        for (const int camera : present_cameras(capture, frame)) all.push_back({frame, camera});
+    return all;
 }
 
 std::vector<int> present_cameras(const Capture& capture, int frame) {
@@ -35,26 +56,47 @@ double decayed(double decay, Index step, Index total) {
                     static_cast<double>(step) / static_cast<double>(std::max<Index>(total, 1)));
 }
 
-Index total_steps(int steps, int epochs, const Capture& capture) {
-    return steps > 0 ? steps
-                     : static_cast<Index>(epochs) * static_cast<Index>(capture.train.size());
+Index total_steps(const MeshTrainConfig& stage, const Capture& capture) {
+    if (stage.steps > 0) return stage.steps;
+    const Index epochs = stage.epochs;
+    if (stage.epochs_over == EpochsOver::frames)
+        return epochs * static_cast<Index>(capture.train.size());
+    const Index pictures = epochs * static_cast<Index>(training_pictures(capture).size());
+    return (pictures + stage.views - 1) / stage.views;
+}
+
+Index total_steps(const AvatarTrainConfig& stage, const Capture& capture) {
+    if (stage.steps > 0) return stage.steps;
+    const std::size_t size = stage.epochs_over == EpochsOver::frames
+                                 ? capture.train.size()
+                                 : training_pictures(capture).size();
+    return static_cast<Index>(stage.epochs) * static_cast<Index>(size);
 }
 
 SampleDraws::SampleDraws(const Capture& capture, const TrainConfig& config)
     : capture_(&capture),
       config_(&config),
       random_{config.seed, 0},
-      total_(total_steps(config.gaussians.steps, config.gaussians.epochs, capture)) {}
+      total_(total_steps(config.gaussians, capture)) {
+    if (config.gaussians.epochs_over == EpochsOver::pictures)
+        pictures_ = training_pictures(capture);
+}
 
 SampleDraw SampleDraws::operator()(Index step) const {
     const AvatarTrainConfig& g = config_->gaussians;
     const std::uint64_t key = static_cast<std::uint64_t>(step);
     SampleDraw d;
     d.step = step;
-    d.frame = frame_of_step(capture_->train, step, random_.fork(5));
-    const std::vector<int> cameras = present_cameras(*capture_, d.frame);
-    d.camera = cameras[static_cast<std::size_t>(
-        random_.fork(6).below(key, static_cast<Index>(cameras.size())))];
+    if (pictures_.empty()) {
+        d.frame = frame_of_step(capture_->train, step, random_.fork(5));
+        const std::vector<int> cameras = present_cameras(*capture_, d.frame);
+        d.camera = cameras[static_cast<std::size_t>(
+            random_.fork(6).below(key, static_cast<Index>(cameras.size())))];
+    } else {
+        const FrameCamera p = picture_of_step(pictures_, step, random_.fork(5));
+        d.frame = p.frame;
+        d.camera = p.camera;
+    }
     d.eyes_high = step % g.weights.eye_high_every == 0;
     d.scaled = g.augment;
     if (d.scaled) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <rye/train/augment.hpp>
+#include <rye/train/capture_samples.hpp>
 
 #include "data/samples.hpp"
 
@@ -15,15 +16,22 @@ namespace rye::trainer {
 /// Returns the frame of a step; the order within an epoch depends on seed and epoch alone.
 int frame_of_step(const std::vector<int>& frames, Index step, const Random& random);
 
+/// Returns the picture of a step, as frame_of_step returns a frame.
+FrameCamera picture_of_step(const std::vector<FrameCamera>& pictures, Index step,
+                            const Random& random);
+
+/// Returns all pictures of the training frames.
+std::vector<FrameCamera> training_pictures(const Capture& capture);
+
 /// Returns the cameras that have an image of a frame; throws an Error if there is none.
 std::vector<int> present_cameras(const Capture& capture, int frame);
 
 /// Returns the remaining share of a learning rate that falls to `decay` of itself in `total` steps.
 double decayed(double decay, Index step, Index total);
 
-/// Returns the number of steps of a stage: `steps` if above 0, else `epochs` times the training
-/// frames.
-Index total_steps(int steps, int epochs, const Capture& capture);
+/// Returns the number of steps of a stage: `steps` if above 0, else those of its epochs.
+Index total_steps(const MeshTrainConfig& stage, const Capture& capture);
+Index total_steps(const AvatarTrainConfig& stage, const Capture& capture);
 
 /// Frame, camera, colour and scale for one step of stage 2.
 struct SampleDraw {
@@ -48,6 +56,7 @@ class SampleDraws {
   private:
     const Capture* capture_;
     const TrainConfig* config_;
+    std::vector<FrameCamera> pictures_; ///< of an epoch over pictures; empty for one over frames
     Random random_;
     Index total_;
 };

@@ -94,8 +94,9 @@ Image<float> white_outside(const Image<float>& image, const Columns<float>& area
     return out;
 }
 
-/// Returns the quality over an area: PSNR over its own pixels; SSIM and a second PSNR over the
-/// whole image with both pictures white outside the area, as the papers of this field compute them.
+/// Returns the quality over an area: PSNR over its own pixels. With both pictures white outside the
+/// area: SSIM, the mean over the windows whose middle is in the area, and a second PSNR over the
+/// whole picture.
 Quality quality(const Image<float>& shown, const Image<float>& truth, const Columns<float>& area) {
     Quality q;
     if (area.sum() < 1) return q;

@@ -335,7 +335,7 @@ TrainState state_of(const Safetensors& file, const std::string& who) {
             "metadata 'version': got '" + word("version") + "', expected '" + format_version + "'");
     TrainState s;
     try {
-        s.config = preset("paper");
+        s.config = preset("paper-literal"); // of fields that the file lacks
         const std::string field = who + ": metadata 'config'";
         from_json(parse_json_text<Json>(word("config"), field), field, s.config);
     } catch (const nlohmann::json::exception& e) {

@@ -17,7 +17,8 @@ namespace rye::trainer {
 namespace {
 
 TrainEyeball eyeball_of(const Subject& s, const TrainConfig& config, std::size_t eye) {
-    TrainEyeball shape = eyeball_shape({s.eye_radius[eye], s.limbus_radius[eye], s.iris_plane[eye]});
+    TrainEyeball shape = eyeball_shape(
+        s.sizes(eye), config.gaussians.eyeball.bulge ? IrisSurface::bulge : IrisSurface::plane);
     // Points on the iris lie half as far apart as on the sclera: if a coarse sclera met a fine
     // iris, its large Gaussians would reach over the iris of an eye that looks aside. About 2500
     // points.

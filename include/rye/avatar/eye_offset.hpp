@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/avatar/eye_offset.hpp: where expression and head pose move the eyeballs' centres, by one
-/// network a frame. Canonical units. Source: paper eq. (9).
+/// network a frame. Canonical units. Source: paper eq. (10).
 #pragma once
 
 #include <rye/avatar/drivers.hpp>

@@ -26,12 +26,16 @@ inline EyeSizes eye_sizes(const CaptureEye& eye, double scale, double default_ra
     return s;
 }
 
+/// Surface of an eyeball that the iris lies on: one behind the cornea, where a measured iris is, or
+/// the cornea itself, the paper's bulge (rye/rig/eyeball.hpp).
+enum class IrisSurface { plane, bulge };
+
 /// Returns rye's eyeball of these sizes for an avatar with the effects E.
 template <EffectSet E = PaperEffects>
-BasicEyeballShape<E> eyeball_shape(const EyeSizes& sizes) {
+BasicEyeballShape<E> eyeball_shape(const EyeSizes& sizes, IrisSurface iris = IrisSurface::plane) {
     BasicEyeballShape<E> shape =
         BasicEyeballShape<E>{}.with_radius(sizes.radius).with_limbus(sizes.limbus_radius);
-    shape.iris_plane = sizes.iris_plane;
+    if (iris == IrisSurface::plane) shape.iris_plane = sizes.iris_plane;
     return shape;
 }
 

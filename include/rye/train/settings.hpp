@@ -8,6 +8,11 @@
 
 namespace rye {
 
+/// Unit of the lengths in the Laplacian term of stage 1, on which its weight depends. Metre: a unit
+/// of the head frame counts as a decimetre, whatever the world's unit is. GHA takes the world as it
+/// is, with its data in metres; rye's captures are in decimetres.
+enum class LaplacianUnit { metre, world };
+
 /// Weights of stage 1, eq. (12).
 struct MeshLossConfig {
     double rgb = 0.1;
@@ -16,6 +21,7 @@ struct MeshLossConfig {
     double offset = 0.01;
     double landmark = 0.1;
     double laplacian = 100;
+    LaplacianUnit laplacian_unit = LaplacianUnit::metre;
     double eye_offset = 0.1;
 };
 

@@ -36,6 +36,17 @@ struct MeshStage : WeightedLandmarks {
     Probe probe = {};
 };
 
+/// Returns the area of a square of the world, one unit wide, in the Laplacian term's unit: the
+/// factor of the term.
+template <class T, EffectSet E>
+T laplacian_area(const MeshLossConfig& weights, const Drivers<T, E>& drivers) {
+    if (weights.laplacian_unit == LaplacianUnit::world) return T(1);
+    T scale = T(1); // world units per unit of the head frame, a decimetre
+    copy_slot(drivers.scale, scale);
+    const T metres = T(0.1) / scale;
+    return metres * metres;
+}
+
 /// Renders the views; returns the losses.
 template <class T, EffectSet E, class Probe, Backend B>
 MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
@@ -74,8 +85,9 @@ MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
         probe("mesh render");
         const LossTerm<T> lap =
             laplacian_term<T>(t.posed.world, t.neutral.surface.topology.faces);
-        l.laplacian = lap.value;
-        t.g_world = T(weights.laplacian) * lap.gradient;
+        const T area = laplacian_area<T, E>(weights, sample.drivers);
+        l.laplacian = area * lap.value;
+        t.g_world = (T(weights.laplacian) * area) * lap.gradient;
         const auto offset = [&](const FieldTrace<T>& field, Columns<T>& g) {
             const LossTerm<T> o = offset_term<T>(field.output);
             l.offset += o.value;
