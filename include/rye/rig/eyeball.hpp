@@ -256,7 +256,7 @@ EyeballTemplate<T> eyeball_template(const BasicEyeballShape<E>& shape) {
     for (std::size_t r = 0; r < rings.size(); ++r) {
         const Ring& ring = rings[r];
         const Index size =
-            8 * std::max<Index>(1, std::llround(2 * pi * ring.radius / ring.step / 8));
+            8 * std::max<Index>(1, Index(std::llround(2 * pi * ring.radius / ring.step / 8)));
         const auto first = static_cast<Index>(points.size());
         for (Index i = 0; i < size; ++i) {
             const double angle = 2 * pi * double(i) / double(size);
