@@ -12,8 +12,9 @@
 namespace rye::trainer {
 
 /// Weights for what one camera does not see, the back and the sides of the head
-/// (rye/train/face_smoothness.hpp). 0: not measured yet.
-inline constexpr double one_camera_smooth = 0, one_camera_mirror = 0;
+/// (rye/train/face_smoothness.hpp). Neighbours alike cure its colours and cost nothing elsewhere;
+/// alike sides gave nothing beyond them.
+inline constexpr double one_camera_smooth = 1, one_camera_mirror = 0;
 
 /// Sets gaussians.thickness and gaussians.opacity for a capture of one camera by the presets cpu and
 /// gpu, unless the configuration names others, and with them the weights above, unless it names
