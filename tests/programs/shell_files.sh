@@ -60,7 +60,7 @@ if command -v bash > /dev/null 2>&1; then
     }
     by_bash rye tra; completes train
     by_bash rye redirect --swe; completes --sweep
-    by_bash rye train --preset ''; completes 'cpu gpu paper tiny'
+    by_bash rye train --preset ''; completes 'cpu gpu paper paper-literal tiny'
     by_bash rye train --device ''; completes 'auto cpu cuda'
     by_bash rye redirect --out 'a '; completes 'a folder a picture.png'
     by_bash rye redirect --run 'a'; completes 'a folder'
@@ -97,7 +97,7 @@ if command -v fish > /dev/null 2>&1; then
     }
     by_fish 'rye tra'; completes train
     by_fish 'rye redirect --swe'; completes --sweep
-    by_fish 'rye train --preset '; completes 'cpu gpu paper tiny'
+    by_fish 'rye train --preset '; completes 'cpu gpu paper paper-literal tiny'
     by_fish 'rye redirect --run '; completes 'a folder/'
     by_fish 'rye completion f'; completes fish
 else
