@@ -170,6 +170,7 @@
 #include <rye/train/centring.hpp>
 #include <rye/train/checkpoint.hpp>
 #include <rye/train/density.hpp>
+#include <rye/train/expression_labels.hpp>
 #include <rye/train/face_smoothness.hpp>
 #include <rye/train/initialize.hpp>
 #include <rye/train/probe.hpp>

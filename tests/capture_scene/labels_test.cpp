@@ -171,6 +171,22 @@ struct PointErrors {
     }
 };
 
+/// Root mean square by which expression coefficients of training frames are off.
+struct ExpressionErrors {
+    double rms = 0;
+
+    explicit ExpressionErrors(const Capture& c) {
+        const double n = static_cast<double>(c.train.size()) * c.expression_width();
+        for (const int f : c.train)
+            for (std::size_t e = 0; e < static_cast<std::size_t>(c.expression_width()); ++e) {
+                const auto is = static_cast<double>(
+                    c.frames[static_cast<std::size_t>(f)].expression[e]);
+                rms += std::pow(is - static_cast<double>(right().frame(f).expression[e]), 2) / n;
+            }
+        rms = std::sqrt(rms);
+    }
+};
+
 /// Test frames keep their labels, whatever those of training frames are.
 void check_tests_kept(const Capture& before, const Capture& after) {
     REQUIRE(!before.test.empty());
@@ -192,7 +208,7 @@ TEST_CASE("labels: right ones are found right and stay as they are, to the bit")
         CHECK(f.off <= f.bound);
     }
     CHECK(found.not_judged.empty());
-    CHECK(found.all.size() == 5);
+    CHECK(found.all.size() == 6);
     CHECK(!found.poses);
     CHECK(!found.gazes);
     CHECK(same(c.frames, right().capture.frames));
@@ -278,6 +294,31 @@ TEST_CASE("labels: head poses and landmarks come nearer by those of all frames")
     Capture again = read_capture(flawed.capture.folder);
     CHECK(correct_labels(again, preset("cpu")).lines() == found.lines());
     CHECK(same(c.frames, again.frames));
+}
+
+TEST_CASE("labels: expressions come nearer by the face model's shapes") {
+    const Flawed flawed([](FlawSizes& s) {
+        s[Flaw::expression] = 0.1;
+        s[Flaw::pose_rotation] = 0.6;
+        s[Flaw::landmarks] = 0.5;
+    });
+    REQUIRE(fs::exists(flawed.capture.folder / "expression_shapes.npz"));
+    Capture c = read_capture(flawed.capture.folder);
+    const LabelFindings found = correct_labels(c, preset("cpu"));
+    const ExpressionErrors before(flawed.capture), after(c);
+    const PoseErrors turned(c);
+    MESSAGE("expressions: ", before.rms, ", then ", after.rms, "; head poses then ", turned.turn,
+            " deg");
+    CHECK(finding(found, "expressions", "mm").wrong);
+    CHECK(1.3 * after.rms < before.rms);
+    CHECK(turned.turn < 0.2);
+    check_tests_kept(flawed.capture, c);
+    // Without the shapes they are not judged.
+    fs::remove(flawed.capture.folder / "expression_shapes.npz");
+    Capture without = read_capture(flawed.capture.folder);
+    for (const LabelFinding& f : correct_labels(without, preset("cpu")).all)
+        CHECK(!f.label.starts_with("expressions"));
+    CHECK(ExpressionErrors(without).rms == before.rms);
 }
 
 TEST_CASE("labels: eyeballs that only seem to move are held where irises agree better") {

@@ -37,7 +37,7 @@ std::vector<Columns<double>> read_shapes(const NpzArrays& arrays, const std::str
 } // namespace
 
 Columns<double> parse_expression_shapes(ByteSpan bytes, const std::string& who, Index expression,
-                                        Index vertices) {
+                                        Index vertices, Index stride) {
     const NpzArrays arrays = parse_npz(bytes, who, memory_limit());
     const auto landmarks = read_shapes(arrays, who, "landmarks", expression);
     std::vector<Columns<double>> dense(static_cast<std::size_t>(expression), Columns<double>(3, 0));
@@ -46,8 +46,9 @@ Columns<double> parse_expression_shapes(ByteSpan bytes, const std::string& who, 
     for (std::size_t e = 0; e < landmarks.size(); ++e) {
         require(dense[e].cols() == vertices, who + ": vertices", "got ", dense[e].cols(),
                 " vertices, expected the ", vertices, " of vertices.npy");
-        const Columns<double> moved =
-            chosen_landmarks(common_landmarks(landmarks[e], who + ": landmarks"), dense[e]);
+        const Columns<double> sparse = common_landmarks(landmarks[e], who + ": landmarks");
+        const Columns<double> moved = stride > 0 ? chosen_landmarks(sparse, dense[e], stride)
+                                                 : chosen_landmarks(sparse, dense[e]);
         if (all.size() == 0) all.resize(expression, moved.size());
         all.row(static_cast<Index>(e)) =
             Eigen::Map<const Eigen::RowVectorXd>(moved.data(), moved.size());
@@ -56,10 +57,13 @@ Columns<double> parse_expression_shapes(ByteSpan bytes, const std::string& who, 
 }
 
 Columns<double> expression_shapes(const Capture& capture) {
+    return expression_shapes(capture, 0);
+}
+Columns<double> expression_shapes(const Capture& capture, Index stride) {
     const std::filesystem::path file = capture.folder / "expression_shapes.npz";
     if (!std::filesystem::exists(file) || capture.frames.empty()) return {};
     return parse_expression_shapes(read_file(file), file.string(), capture.expression_width(),
-                                   capture.frames.front().vertices.cols());
+                                   capture.frames.front().vertices.cols(), stride);
 }
 
 } // namespace rye::trainer

@@ -8,6 +8,7 @@
 
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
+#include <rye/train/expression_labels.hpp>
 #include <rye/train/label_consistency.hpp>
 
 #include "data/expression_shapes.hpp"
@@ -55,7 +56,7 @@ class Corrector {
             return;
         }
         shapes_ = expression_shapes(c_);
-        poses();
+        poses(shapes_.size() > 0 ? expressions() : aligned());
         landmarks();
         eyes();
     }
@@ -69,7 +70,45 @@ class Corrector {
     }
     std::size_t count() const { return c_.train.size(); }
 
-    void poses() {
+    /// Corrects the expressions by the face model's shapes, and returns the frames' motions.
+    std::vector<RigidMotion> expressions() {
+        // Points of all frames together, so that the time is bounded.
+        constexpr std::size_t most = 200'000;
+        const std::size_t vertices = static_cast<std::size_t>(frame(0).vertices.cols());
+        const auto stride = static_cast<Index>(1 + vertices * count() / most);
+        const Columns<double> shapes = expression_shapes(c_, stride);
+        std::vector<Columns<double>> points;
+        for (std::size_t i = 0; i < count(); ++i)
+            points.push_back(to_canonical(
+                frame(i), chosen_landmarks(frame(i).landmarks, frame(i).vertices, stride)));
+        const Columns<double> x = regressors(c_);
+        const auto width = static_cast<Index>(c_.expression_width());
+        const AlignedExpressions a = align_expressions(points, shapes, x.topRows(width),
+                                                       x.bottomRows(4), around_eyes(points[0]));
+        const double moved = mm_per_unit * a.moved;
+        found_.all.push_back({"expressions, a landmark", moved, 0.1, "mm", moved > 0.1,
+                              "fitted to the landmarks by the face model's shapes"});
+        if (!found_.all.back().wrong) return a.motion;
+        for (std::size_t i = 0; i < count(); ++i)
+            for (Index e = 0; e < width; ++e)
+                frame(i).expression[static_cast<std::size_t>(e)] =
+                    static_cast<float>(a.coefficients(e, static_cast<Index>(i)));
+        return a.motion;
+    }
+    /// Returns the landmarks that gazes may move: lids, and what is about as near to an eye.
+    static std::vector<Index> around_eyes(const Columns<double>& points) {
+        const Vec3<double> right = detail::eye_landmark_centre(points, 0),
+                           left = detail::eye_landmark_centre(points, 1);
+        const double far = 0.55 * (left - right).norm();
+        std::vector<Index> near;
+        for (Index l = 0; l < points.cols(); ++l)
+            if (std::min((points.col(l) - right).norm(), (points.col(l) - left).norm()) < far)
+                near.push_back(l);
+        return near;
+    }
+
+    /// Returns the frames' motions without a face model.
+    std::vector<RigidMotion> aligned() {
         // Every n-th of many frames form a group, so that a least-squares problem has few unknowns.
         constexpr std::size_t most = 96;
         const Columns<double> x = regressors(c_);
@@ -89,6 +128,9 @@ class Corrector {
             const std::vector<RigidMotion> found = align_frames(canonical, of, reach);
             for (std::size_t k = 0; k < which.size(); ++k) motion[which[k]] = found[k];
         }
+        return motion;
+    }
+    void poses(const std::vector<RigidMotion>& motion) {
         std::vector<double> turn, shift;
         for (const RigidMotion& m : motion) {
             turn.push_back(so3_log(m.rotation).norm() / degree);

@@ -71,16 +71,21 @@ inline Columns<double> to_canonical(const CaptureFrame& frame, const Columns<dou
            frame.scale;
 }
 
-/// Returns the sparse landmarks and a selection of the dense vertices, in the order of
-/// CaptureSubject::neutral.
+/// Returns the sparse landmarks, and from the first every stride-th of the dense vertices.
 inline Columns<double> chosen_landmarks(const Columns<double>& landmarks,
-                                        const Columns<double>& vertices) {
-    const Index stride = detail::vertex_stride(vertices);
+                                        const Columns<double>& vertices, Index stride) {
     const Index dense = vertices.cols() == 0 ? 0 : (vertices.cols() - 1) / stride + 1;
     Columns<double> all(3, landmarks.cols() + dense);
     all.leftCols(landmarks.cols()) = landmarks;
     for (Index k = 0; k < dense; ++k) all.col(landmarks.cols() + k) = vertices.col(k * stride);
     return all;
+}
+
+/// Returns the sparse landmarks and a selection of the dense vertices, in the order of
+/// CaptureSubject::neutral.
+inline Columns<double> chosen_landmarks(const Columns<double>& landmarks,
+                                        const Columns<double>& vertices) {
+    return chosen_landmarks(landmarks, vertices, detail::vertex_stride(vertices));
 }
 
 /// Returns landmarks of a frame in the world, in the order of CaptureSubject::neutral.

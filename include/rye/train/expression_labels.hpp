@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/expression_labels.hpp: expression coefficients of many frames of one head, corrected by
+/// where its landmarks are, before any picture is read. The displacements by the coefficients are
+/// those of a face model. Lengths in any unit; a frame is a column.
+/// Source: a linear mixed model whose variances are estimated by expectation and maximisation
+/// (Dempster, Laird and Rubin, 1977), with the rigid motions of generalised Procrustes analysis
+/// (Gower, 1975).
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <Eigen/Cholesky>
+
+#include <rye/core/columns.hpp>
+#include <rye/core/error.hpp>
+#include <rye/math/rotation.hpp>
+#include <rye/train/label_consistency.hpp>
+
+namespace rye {
+
+namespace detail {
+
+/// What landmarks have in common over frames: their mean, and linear motion by other drivers.
+class OtherMotion {
+  public:
+    /// others: K x F, or empty; reached: landmarks that they move.
+    OtherMotion(const Columns<double>& others, std::vector<Index> reached, Index frames)
+        : reached_(std::move(reached)), frames_(frames) {
+        Eigen::MatrixXd x(frames, 1 + others.rows());
+        x.col(0).setOnes();
+        if (others.rows() > 0)
+            x.rightCols(others.rows()) = (others.colwise() - others.rowwise().mean()).transpose();
+        const Eigen::MatrixXd square = x.transpose() * x;
+        Eigen::MatrixXd ridged = square;
+        ridged.diagonal().array() += 1e-9 * square.trace();
+        fit_ = x * ridged.ldlt().solve(Eigen::MatrixXd(x.transpose()));
+        freedom_ = std::max(1.0, static_cast<double>(frames) - fit_.trace());
+    }
+    /// Leaves the residuals of F frames, 3 x L each.
+    void remove(std::vector<Columns<double>>& of) const {
+        Columns<double> mean = Columns<double>::Zero(3, of.front().cols());
+        for (const Columns<double>& f : of) mean += f / static_cast<double>(frames_);
+        for (Columns<double>& f : of) f -= mean;
+        Columns<double> moved(3, frames_);
+        for (const Index l : reached_) {
+            for (Index f = 0; f < frames_; ++f)
+                moved.col(f) = of[static_cast<std::size_t>(f)].col(l);
+            moved -= (moved * fit_.transpose()).eval();
+            for (Index f = 0; f < frames_; ++f)
+                of[static_cast<std::size_t>(f)].col(l) = moved.col(f);
+        }
+    }
+    /// Returns the variances of coordinates of landmarks, from residuals.
+    VecX<double> variances(const std::vector<Columns<double>>& of) const {
+        VecX<double> sum = VecX<double>::Zero(of.front().cols());
+        for (const Columns<double>& f : of) sum += f.colwise().squaredNorm().transpose();
+        VecX<double> freedom =
+            VecX<double>::Constant(sum.size(), 3 * static_cast<double>(frames_ - 1));
+        for (const Index l : reached_) freedom[l] = 3 * freedom_;
+        return sum.cwiseQuotient(freedom);
+    }
+
+  private:
+    std::vector<Index> reached_;
+    Index frames_;
+    Eigen::MatrixXd fit_; ///< F x F: predictions by all frames
+    double freedom_;      ///< frames that are left
+};
+
+} // namespace detail
+
+/// Expression coefficients that agree with the landmarks.
+struct AlignedExpressions {
+    Columns<double> coefficients;    ///< E x F
+    std::vector<RigidMotion> motion; ///< of each frame, to the head at rest that all share
+    double off = 0;                  ///< estimated standard deviation of a label's error
+    double noise = 0;                ///< estimated standard deviation of a landmark's coordinate
+    double moved = 0;                ///< root mean square of a coordinate by the corrections
+};
+
+/// Settings of align_expressions.
+struct ExpressionSettings {
+    int rounds = 12;      ///< rounds of relinearised least squares
+    double off = 0.03;    ///< initial standard deviation of a coefficient's error
+    double noise = 0.01;  ///< initial standard deviation of a landmark's coordinate [unit]
+    double turn = 0.02;   ///< standard deviation of a frame's rotation [rad]
+    double shift = 0.02;  ///< standard deviation of its shift [unit]
+};
+
+/// Returns the coefficients and rigid motions by which the landmarks of all frames, 3 x L in the
+/// frame of their head pose, are one head at rest and its displacements. shapes: E x 3 L, the
+/// displacement (e, 3 l + axis) by a coefficient of 1; labels: E x F; others: K x F, further
+/// drivers such as gazes, which move the landmarks `reached` linearly, in an unknown way; or both
+/// empty. What the model's shapes cannot tell apart keeps its labels. Errors of coefficients have
+/// mean 0 over frames, since a mean error is that of the head at rest, and motions have the
+/// identity as their mean. A landmark is weighted by how well all frames predict it, and the size
+/// of errors is estimated. Throws an Error for arrays that do not fit the frames; fewer than three
+/// frames keep their labels.
+inline AlignedExpressions align_expressions(const std::vector<Columns<double>>& frames,
+                                            const Columns<double>& shapes,
+                                            const Columns<double>& labels,
+                                            const Columns<double>& others = {},
+                                            const std::vector<Index>& reached = {},
+                                            const ExpressionSettings& settings = {}) {
+    const auto n = static_cast<Index>(frames.size());
+    const Index e = shapes.rows(), landmarks = n > 0 ? frames.front().cols() : 0;
+    require(labels.rows() == e && labels.cols() == n, "align_expressions: labels", "got ",
+            labels.rows(), " x ", labels.cols(), ", expected ", e, " x ", n);
+    require(n == 0 || shapes.cols() == 3 * landmarks, "align_expressions: shapes", "got ",
+            shapes.cols(), " columns, expected 3 for each of ", landmarks, " landmarks");
+    AlignedExpressions a{labels, std::vector<RigidMotion>(frames.size()), 0, 0, 0};
+    if (n < 3 || e == 0) return a;
+    require(others.size() == 0 || others.cols() == n, "align_expressions: others", "got ",
+            others.cols(), " frames, expected ", n);
+    const detail::OtherMotion moved_by(others, reached, n);
+    Columns<double> change = Columns<double>::Zero(e, n);
+    double off2 = settings.off * settings.off;
+    const double turn2 = settings.turn * settings.turn, shift2 = settings.shift * settings.shift;
+    // Variance of a coordinate of each landmark, and of its frames as moved to the head at rest.
+    VecX<double> noise2 =
+        VecX<double>::Constant(landmarks, settings.noise * settings.noise);
+    std::vector<Columns<double>> rest(frames.size());
+    const auto remove_expressions = [&] {
+        for (Index f = 0; f < n; ++f) {
+            const auto at = static_cast<std::size_t>(f);
+            rest[at] = a.motion[at](frames[at]);
+            rest[at].reshaped() -= shapes.transpose() * (labels.col(f) + change.col(f));
+        }
+        moved_by.remove(rest);
+    };
+    for (int round = 0; round < settings.rounds; ++round) {
+        remove_expressions();
+        VecX<double> weight(3 * landmarks);
+        for (Index l = 0; l < landmarks; ++l) weight.segment<3>(3 * l).setConstant(1 / noise2[l]);
+        const Eigen::MatrixXd weighted = shapes * weight.asDiagonal(); // E x 3 L
+        Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(6 + e, 6 + e);
+        normal.bottomRightCorner(e, e) = weighted * shapes.transpose();
+        normal.bottomRightCorner(e, e).diagonal().array() += 1 / off2;
+        double next_off2 = 0;
+        std::vector<Vec<double, 6>> steps(frames.size());
+        for (Index f = 0; f < n; ++f) {
+            const auto at = static_cast<std::size_t>(f);
+            const Columns<double> moved = a.motion[at](frames[at]);
+            const VecX<double> residual = rest[at].reshaped();
+            Eigen::MatrixXd j(3 * landmarks, 6);
+            for (Index l = 0; l < landmarks; ++l)
+                j.middleRows<3>(3 * l) =
+                    detail::motion_jacobian(Vec3<double>(moved.col(l)));
+            const Eigen::MatrixXd wj = weight.asDiagonal() * j;
+            normal.topLeftCorner(6, 6) = j.transpose() * wj;
+            normal.topLeftCorner(6, 6).diagonal().head(3).array() += 1 / turn2;
+            normal.topLeftCorner(6, 6).diagonal().tail(3).array() += 1 / shift2;
+            normal.bottomLeftCorner(e, 6) = -shapes * wj;
+            VecX<double> right(6 + e);
+            Vec<double, 6> total;
+            total << so3_log(a.motion[at].rotation), a.motion[at].translation;
+            right.head(6) = -(wj.transpose() * residual);
+            right.head(3) -= total.head<3>() / turn2;
+            right.segment(3, 3) -= total.tail<3>() / shift2;
+            right.tail(e) = weighted * residual - change.col(f) / off2;
+            const Eigen::LDLT<Eigen::MatrixXd, Eigen::Lower> solver(normal);
+            const VecX<double> step = solver.solve(right);
+            const VecX<double> variance =
+                solver.solve(Eigen::MatrixXd::Identity(6 + e, 6 + e)).diagonal().tail(e);
+            steps[at] = step.head(6);
+            change.col(f) += step.tail(e);
+            next_off2 += (change.col(f).squaredNorm() + variance.sum()) /
+                         static_cast<double>(e * n);
+        }
+        // What all frames have in common is the head at rest.
+        change.colwise() -= change.rowwise().mean().eval();
+        Vec3<double> turn = Vec3<double>::Zero(), shift = Vec3<double>::Zero();
+        for (std::size_t f = 0; f < frames.size(); ++f) {
+            RigidMotion& m = a.motion[f];
+            m = RigidMotion{so3_exp(Vec3<double>(steps[f].head<3>())),
+                            Vec3<double>(steps[f].tail<3>())} *
+                m;
+            turn += so3_log(m.rotation) / static_cast<double>(n);
+            shift += m.translation / static_cast<double>(n);
+        }
+        const RigidMotion back = RigidMotion{so3_exp(turn), shift}.inverse();
+        for (RigidMotion& m : a.motion) m = back * m;
+        off2 = std::max(next_off2, 1e-10);
+        remove_expressions();
+        const VecX<double> sum = moved_by.variances(rest);
+        // A landmark that seems exact by chance must not decide alone.
+        const double all = sum.mean();
+        noise2 = sum.array().max(0.1 * all).max(1e-6 * settings.noise * settings.noise);
+    }
+    a.coefficients += change;
+    a.moved = (shapes.transpose() * change).norm() /
+              std::sqrt(static_cast<double>(3 * landmarks * n));
+    a.off = std::sqrt(off2);
+    a.noise = std::sqrt(noise2.mean());
+    return a;
+}
+
+} // namespace rye
