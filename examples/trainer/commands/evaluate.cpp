@@ -128,6 +128,14 @@ Json gains_json(const Capture& capture) {
     return gains;
 }
 
+/// Returns the frames' exposures, which are removed from the photographs; null without.
+Json exposures_json(const Capture& capture) {
+    Json exposures;
+    for (std::size_t f = 0; f < capture.frame_exposures.size(); ++f)
+        exposures[capture.frames[f].id] = capture.frame_exposures[f];
+    return exposures;
+}
+
 /// Returns the names of cameras that were corrected for the training; null without any.
 Json corrected_json(const Capture& capture) {
     Json names;
@@ -146,6 +154,8 @@ void evaluate(const EvaluateOptions& o) {
         correct_colours(capture, state.config);
     if (!capture.camera_gains.empty() && !o.json)
         std::printf("gains of cameras are taken out of the photographs\n");
+    if (!capture.frame_exposures.empty() && !o.json)
+        std::printf("exposures of frames are taken out of the photographs\n");
     std::vector<int> frames = o.split == "train" ? capture.train : capture.test;
     if (o.split == "novel") frames = capture.novel_gaze;
     if (o.split == "independent") frames = capture.independent_gaze;
@@ -200,6 +210,7 @@ void evaluate(const EvaluateOptions& o) {
                     {"views", per_view.size()}, {"step", state.step},
                     {"device", drawer.name()},  {"missed_degrees", missed_degrees},
                     {"camera_gains", gains_json(capture)},
+                    {"frame_exposures", exposures_json(capture)},
                     {"corrected_cameras", corrected_json(capture)},
                     {"all", all.json()}};
     for (const auto& [name, r] : groups) results[name] = r.json();

@@ -142,7 +142,7 @@ LabelFindings judged_labels(Capture& capture, const Verdict& verdict, CameraFind
     if (verdict.errors > 0 || capture.train.empty() || !capture.has_gaze()) return {};
     cameras = correct_cameras(capture, preset("cpu"));
     LabelFindings found = correct_labels(capture, preset("cpu"));
-    found.all.push_back(correct_colours(capture, preset("cpu")));
+    for (LabelFinding& f : correct_colours(capture, preset("cpu"))) found.all.push_back(std::move(f));
     return found;
 }
 

@@ -524,7 +524,7 @@ int train(const TrainOptions& o) {
     if (config.correct_cameras && capture.has_gaze()) cameras = correct_cameras(capture, config);
     if (config.correct_labels && capture.has_gaze()) labels = correct_labels(capture, config);
     if (config.correct_colours && capture.has_gaze())
-        labels.all.push_back(correct_colours(capture, config));
+        for (LabelFinding& f : correct_colours(capture, config)) labels.all.push_back(std::move(f));
     if (o.resume) check_resumed(o, state, capture);
     else state = first_state(config, capture, folder);
     const std::string refined = o.resume ? "" : refine_further(labels, state.config);

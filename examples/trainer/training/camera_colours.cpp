@@ -12,9 +12,17 @@
 namespace rye::trainer {
 namespace {
 
-/// Colour that a camera sees at a point.
+/// Colour that is the product of two factors: of a point's skin and light, and of what sees it, a
+/// camera or a frame.
 struct Sample {
-    std::size_t camera, point;
+    std::size_t seer, point;
+    Vec3<double> colour; ///< logarithm of linear light
+};
+
+/// Colour that a camera sees at a landmark.
+struct SeenColour {
+    int camera;
+    std::size_t landmark;
     Vec3<double> colour; ///< logarithm of linear light
 };
 
@@ -37,15 +45,15 @@ std::optional<Vec3<double>> colour_at(const Image<float>& picture, const Image<f
     return Vec3<double>(sum.array().log());
 }
 
-/// Adds the colours that cameras see from the front at the landmarks of a frame.
-void add_frame(const Capture& capture, int frame, const Vec3<double>& head_centre,
-               std::vector<Sample>& all, std::size_t& points) {
+/// Returns the colours that every stride-th camera sees from the front at the landmarks of a frame.
+std::vector<SeenColour> colours_of(const Capture& capture, int frame,
+                                   const Vec3<double>& head_centre, int stride = 1) {
     constexpr double frontal = 0.55; // cosine of the angle from outwards to the camera
     const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frame)];
     const Columns<double> world = frame_landmarks(capture, frame), head = to_canonical(f, world);
     const Mat3<double> rotation = so3_exp(Vec3<double>(f.pose.head<3>()));
-    std::vector<std::vector<Sample>> seen(static_cast<std::size_t>(world.cols()));
-    for (int c = 0; c < capture.camera_count(); ++c) {
+    std::vector<SeenColour> seen;
+    for (int c = 0; c < capture.camera_count(); c += stride) {
         if (!capture.view(frame, c).present) continue;
         const Image<float> picture = capture.image(frame, c), mask = capture.mask(frame, c);
         const Pinhole<double>& camera = capture.camera(frame, c);
@@ -57,28 +65,35 @@ void add_frame(const Capture& capture, int frame, const Vec3<double>& head_centr
             if (out.dot(to_camera) < frontal) continue;
             const auto colour =
                 colour_at(picture, mask, camera.project_point(Vec3<double>(world.col(l))));
-            if (colour)
-                seen[static_cast<std::size_t>(l)].push_back(
-                    {static_cast<std::size_t>(c), points + static_cast<std::size_t>(l), *colour});
+            if (colour) seen.push_back({c, static_cast<std::size_t>(l), *colour});
         }
     }
-    for (const std::vector<Sample>& of_point : seen)
-        if (of_point.size() >= 2) all.insert(all.end(), of_point.begin(), of_point.end());
-    points += seen.size();
+    return seen;
 }
 
-/// Returns the logarithms of gains, 3 x cameras, of mean 0, by robust least squares alternating
-/// between points and cameras.
-Columns<double> log_gains(const std::vector<Sample>& all, std::size_t points, Index cameras) {
+/// Adds what two cameras or more see in a frame; its points follow those of other frames.
+void add_frame(const std::vector<SeenColour>& seen, std::size_t landmarks, std::size_t points,
+               std::vector<Sample>& all) {
+    std::vector<int> cameras(landmarks, 0);
+    for (const SeenColour& s : seen) ++cameras[s.landmark];
+    for (std::size_t l = 0; l < landmarks; ++l)
+        for (const SeenColour& s : seen)
+            if (s.landmark == l && cameras[l] >= 2)
+                all.push_back({static_cast<std::size_t>(s.camera), points + l, s.colour});
+}
+
+/// Returns the logarithms of the factors of cameras or frames, 3 x seers, of mean 0, by robust
+/// least squares alternating between points and these.
+Columns<double> log_gains(const std::vector<Sample>& all, std::size_t points, Index seers) {
     constexpr int rounds = 60;
     constexpr double spread2 = 0.08 * 0.08; // variance of shine
-    Columns<double> gain = Columns<double>::Zero(3, cameras);
+    Columns<double> gain = Columns<double>::Zero(3, seers);
     Columns<double> point = Columns<double>::Zero(3, static_cast<Index>(points));
     for (int round = 0; round < rounds; ++round) {
         const auto step = [&](Columns<double>& of, const Columns<double>& other, bool of_points) {
             Columns<double> sum = Columns<double>::Zero(3, of.cols()), weights = sum;
             for (const Sample& s : all) {
-                const auto p = static_cast<Index>(s.point), c = static_cast<Index>(s.camera);
+                const auto p = static_cast<Index>(s.point), c = static_cast<Index>(s.seer);
                 const Index mine = of_points ? p : c, others = of_points ? c : p;
                 for (Index k = 0; k < 3; ++k) {
                     const double rest = s.colour[k] - other(k, others), off = rest - of(k, mine);
@@ -96,25 +111,67 @@ Columns<double> log_gains(const std::vector<Sample>& all, std::size_t points, In
     return gain;
 }
 
-} // namespace
+/// Returns the root mean square of logarithms [percent].
+double percent(const Columns<double>& logs) {
+    return logs.size() == 0
+               ? 0
+               : 100 * std::sqrt(logs.squaredNorm() / static_cast<double>(logs.size()));
+}
 
-LabelFinding correct_colours(Capture& capture, const TrainConfig& config) {
+LabelFinding correct_cameras_colours(Capture& capture, const Vec3<double>& head_centre) {
     LabelFinding found{"colours of cameras", 0, 3, "%", false,
                        "their gains are taken out of the pictures"};
     if (capture.camera_count() < 2) return found;
     constexpr std::size_t most_frames = 24;
-    const Vec3<double> head_centre = describe_subject(capture, config).head_centre;
     std::vector<Sample> all;
     std::size_t points = 0;
     const std::size_t n = capture.train.size(), taken = std::min(n, most_frames);
-    for (std::size_t i = 0; i < taken; ++i)
-        add_frame(capture, capture.train[i * n / taken], head_centre, all, points);
+    for (std::size_t i = 0; i < taken; ++i) {
+        const int frame = capture.train[i * n / taken];
+        const auto landmarks = static_cast<std::size_t>(frame_landmarks(capture, frame).cols());
+        add_frame(colours_of(capture, frame, head_centre), landmarks, points, all);
+        points += landmarks;
+    }
     const Columns<double> gains = log_gains(all, points, capture.camera_count());
-    found.off = 100 * std::sqrt(gains.squaredNorm() / static_cast<double>(gains.size()));
+    found.off = percent(gains);
     found.wrong = found.off > found.bound;
     if (found.wrong)
         for (Index c = 0; c < gains.cols(); ++c)
             capture.camera_gains.push_back(gains.col(c).array().exp());
+    return found;
+}
+
+LabelFinding correct_exposures(Capture& capture, const Vec3<double>& head_centre) {
+    LabelFinding found{"exposures of frames", 0, 6, "%", false,
+                       "they are taken out of the pictures"};
+    constexpr int most_cameras = 4;
+    const int stride = 1 + (capture.camera_count() - 1) / most_cameras;
+    std::vector<Sample> all;
+    // The same landmark in another camera is another point: its shine differs.
+    const auto cameras = static_cast<std::size_t>(capture.camera_count());
+    std::size_t points = 0;
+    for (int f = 0; f < capture.frame_count(); ++f)
+        for (const SeenColour& s : colours_of(capture, f, head_centre, stride)) {
+            const std::size_t point = s.landmark * cameras + static_cast<std::size_t>(s.camera);
+            all.push_back({static_cast<std::size_t>(f), point, s.colour});
+            points = std::max(points, point + 1);
+        }
+    const Columns<double> of =
+        log_gains(all, points, capture.frame_count()).colwise().mean(); // alike in all channels
+    found.off = percent(of);
+    found.wrong = found.off > found.bound;
+    if (found.wrong)
+        for (Index f = 0; f < of.cols(); ++f) capture.frame_exposures.push_back(std::exp(of(0, f)));
+    return found;
+}
+
+} // namespace
+
+std::vector<LabelFinding> correct_colours(Capture& capture, const TrainConfig& config) {
+    const Vec3<double> head_centre = describe_subject(capture, config).head_centre;
+    std::vector<LabelFinding> found;
+    found.push_back(correct_cameras_colours(capture, head_centre));
+    found.push_back(correct_exposures(capture, head_centre));
     return found;
 }
 

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/camera_colours.hpp: differences of a capture's cameras in gain and white balance, found
-/// before a training from the colours that several of them see at the same points of the head.
+/// training/camera_colours.hpp: differences of a capture's cameras in gain and white balance, and of
+/// its frames in exposure, found before a training from the colours of the same points of the head.
 #pragma once
+
+#include <vector>
 
 #include "data/capture.hpp"
 #include "training/labels.hpp"
@@ -14,6 +16,11 @@ namespace rye::trainer {
 /// product of skin, light and the camera's gain: two cameras differ there by their gains alone,
 /// except for shine, which the median of many differences suppresses. Uses evenly chosen training
 /// frames, and landmarks that a camera sees from the front, without eyes and mouth.
-LabelFinding correct_colours(Capture& capture, const TrainConfig& config);
+///
+/// Then finds each frame's exposure, a factor of the light alike in all channels and cameras, whose
+/// product over all frames, for training and test, is 1: the colour at a landmark in a camera is a
+/// product of skin, light and exposure, and skin and light hardly change as the head turns. Wrong
+/// ones are removed in the same way.
+std::vector<LabelFinding> correct_colours(Capture& capture, const TrainConfig& config);
 
 } // namespace rye::trainer

@@ -126,6 +126,8 @@ struct CaptureLabels {
     /// Factors of the linear light of red, green and blue for each camera, which image() removes;
     /// empty if unknown.
     std::vector<Vec3<double>> camera_gains;
+    /// Factor of the linear light of each frame, which image() removes; empty if unknown.
+    std::vector<double> frame_exposures;
     std::vector<CorrectedCamera> corrected_cameras; ///< replaced where views had the wrong numbers
 
     int frame_count() const { return static_cast<int>(frames.size()); }
@@ -172,7 +174,7 @@ concept PictureReader = requires(P& pictures, const std::filesystem::path& path)
 
 namespace detail {
 
-/// Divides a picture of 8 bits by a camera's gains, in linear light.
+/// Divides a picture of 8 bits by gains, in linear light.
 inline void take_out(const Vec3<double>& gains, Image<float>& rgb) {
     std::array<std::array<float, 256>, 3> table{};
     for (std::size_t c = 0; c < 3; ++c)
@@ -203,8 +205,10 @@ struct CaptureOf : CaptureLabels {
     /// background.
     Image<float> image(int frame, int camera) const {
         Image<float> rgb = to_float(pictures.read(present_view(frame, camera).image, 3));
-        if (!camera_gains.empty())
-            detail::take_out(camera_gains[static_cast<std::size_t>(camera)], rgb);
+        Vec3<double> gains = Vec3<double>::Ones();
+        if (!camera_gains.empty()) gains = camera_gains[static_cast<std::size_t>(camera)];
+        if (!frame_exposures.empty()) gains *= frame_exposures[static_cast<std::size_t>(frame)];
+        if (gains != Vec3<double>::Ones()) detail::take_out(gains, rgb);
         if (!images_over_black) {
             const Image<float> alpha = mask(frame, camera);
             rgb.pixels.array().rowwise() *= alpha.pixels.row(0).array();
