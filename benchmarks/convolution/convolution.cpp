@@ -36,9 +36,9 @@ void convolution(benchmark::State& state) {
         }
     const double flops = 2.0 * 9 * channels * channels * size * size;
     state.counters["mflop"] = 1e-6 * flops;
-    state.counters["fwd_share"] = flops / forward / peak().flops;
-    state.counters["input_share"] = flops / input / peak().flops;
-    state.counters["weight_share"] = flops / weights / peak().flops;
+    state.counters["fwd_share"] = flops / forward / peak().flops();
+    state.counters["input_share"] = flops / input / peak().flops();
+    state.counters["weight_share"] = flops / weights / peak().flops();
 }
 BENCHMARK(convolution)->ArgNames({"px", "c"})->Args({256, 32})->Args({512, 16})->Iterations(1);
 

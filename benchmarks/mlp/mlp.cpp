@@ -94,8 +94,8 @@ void mlp(benchmark::State& state) {
     state.counters["both_ms"] = 1e3 * both;
     state.counters["fwd_gflop"] = 1e-9 * flops;
     state.counters["both_gflop"] = 3e-9 * flops;
-    state.counters["fwd_share"] = flops / forward / peak().flops;
-    state.counters["both_share"] = 3 * flops / both / peak().flops;
+    state.counters["fwd_share"] = flops / forward / peak().flops();
+    state.counters["both_share"] = 3 * flops / both / peak().flops();
     state.counters["error"] = difference(few.out, exact.out);
     state.counters["g_error"] = std::max(difference(few.g_points, exact.g_points),
                                          difference(few.g_params.weight[0],

@@ -22,6 +22,15 @@ struct Traffic {
     }
 };
 
+/// The least times of the stages of a render and of its gradient [s].
+struct StageBounds {
+    double project, sort, lists, blend;
+    double reverse, project_vjp;
+
+    double forward() const { return project + sort + lists + blend; }
+    double both() const { return forward() + reverse + project_vjp; }
+};
+
 /// The work of a render of a scene, by lists of tiles and vectors of pixels.
 struct SplatWork {
     double gaussians, channels, pixels;
@@ -36,7 +45,8 @@ struct SplatWork {
     static constexpr double blend_products = 8;
     /// Of its reverse step: the same again, the colour's and the alpha's cotangent, 6 moments.
     static constexpr double reverse_products = 21;
-    /// Of a Gaussian's projection, with a Gaussian in each lane, and of its reverse.
+    /// Of a Gaussian's projection, with a Gaussian in each lane: 95, and 5 divisions and roots of 5
+    /// each; about twice of its reverse.
     static constexpr double project_products = 120, project_vjp_products = 240;
     /// Sums of an entry, besides those of channels: centre 2, precision 3, opacity 1.
     static constexpr double entry_sums = 6;
@@ -44,7 +54,7 @@ struct SplatWork {
     /// takes if many are done at once: it is moved beside another and added.
     static constexpr double sum_operations = 2;
 
-    /// Gives the share that is blended of all pixels in the lanes of those blocks.
+    /// Returns the share that is blended of all pixels in the lanes of those blocks.
     double live(double lanes) const { return pairs / (blocks * lanes); }
 
     double forward_flops() const { return 2 * pairs * (blend_products + channels); }
@@ -61,7 +71,7 @@ struct SplatWork {
     double forward_bytes() const { return forward_traffic().read + forward_traffic().written; }
     double backward_bytes() const { return backward_traffic().read + backward_traffic().written; }
 
-    /// Counts products of vectors. Pixels are in the lanes; or, of many channels, channels are in
+    /// Returns products of vectors. Pixels are in the lanes; or, of many channels, channels are in
     /// the lanes of the colours' products, one blended pair after another.
     double blend_vectors(double lanes) const {
         return std::min(blocks * (blend_products + channels),
@@ -76,25 +86,23 @@ struct SplatWork {
         return std::min(pixels_in_lanes, channels_in_lanes);
     }
 
-    /// Bounds the time of a render from below [s].
-    double forward_bound(const Machine& m) const {
-        const MemorySpeed& speed = m.memory.at(forward_bytes());
-        const double project = gaussians * project_products / m.lanes / m.vector_products();
-        const double blend = blend_vectors(m.lanes) / m.vector_products();
-        return std::max(project, Traffic{4 * gaussians * 11, 0}.seconds(speed)) +
-               visible / m.keys + entries / m.entries +
-               std::max(blend, Traffic{4 * visible * channels,
-                                       forward_traffic().written}.seconds(speed));
-    }
-    /// Bounds the time of a render and its gradient from below [s].
-    double both_bound(const Machine& m) const {
-        const MemorySpeed& speed = m.memory.at(forward_bytes() + backward_bytes());
-        const double reverse = reverse_vectors(m.lanes) / m.vector_products();
-        const double project = gaussians * project_vjp_products / m.lanes / m.vector_products();
-        return forward_bound(m) +
-               std::max(reverse, Traffic{4 * (visible + pixels) * channels, 0}.seconds(speed)) +
-               std::max(project, Traffic{4 * gaussians * 11,
-                                         backward_traffic().written}.seconds(speed));
+    /// Returns the least time of each stage.
+    StageBounds bounds(const Machine& m) const {
+        const MemorySpeed& forward = m.memory.at(forward_bytes());
+        const MemorySpeed& both = m.memory.at(forward_bytes() + backward_bytes());
+        const double vectors = m.vector_products();
+        const double read = 4 * gaussians * 11;
+        return {std::max(gaussians * project_products / m.lanes / vectors,
+                         Traffic{read, 0}.seconds(forward)),
+                visible / m.keys,
+                entries / m.entries,
+                std::max(blend_vectors(m.lanes) / vectors,
+                         Traffic{4 * visible * channels, forward_traffic().written}
+                             .seconds(forward)),
+                std::max(reverse_vectors(m.lanes) / vectors,
+                         Traffic{4 * (visible + pixels) * channels, 0}.seconds(both)),
+                std::max(gaussians * project_vjp_products / m.lanes / vectors,
+                         Traffic{read, backward_traffic().written}.seconds(both))};
     }
 };
 

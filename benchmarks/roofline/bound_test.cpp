@@ -50,20 +50,20 @@ TEST_CASE("bound: stages follow each other, the longer of products and bytes eac
     // of which as many are copied as features are read.
     const double project = 44e-6, sort = 900 / 1e8, lists = 2000 / 1e9;
     const double blend = 11 * 10000 / 1e9;
-    CHECK(few.forward_bound(m) == doctest::Approx(project + sort + lists + blend));
+    CHECK(few.bounds(m).forward() == doctest::Approx(project + sort + lists + blend));
     const double reverse = (10000.0 * 27 + 1500 * 18) / 1e9;
-    CHECK(few.both_bound(m) ==
-          doctest::Approx(few.forward_bound(m) + reverse + 44e-6 + 56e-6));
+    CHECK(few.bounds(m).both() ==
+          doctest::Approx(few.bounds(m).forward() + reverse + 44e-6 + 56e-6));
 }
 
 TEST_CASE("bound: bytes that no cache holds take the time of memory") {
     Machine m = round_machine();
     SplatWork w = few;
     w.pixels = 1e6;
-    const double in_memory = w.forward_bound(m);
+    const double in_memory = w.bounds(m).forward();
     CHECK(in_memory > 4 * 1e6 * 5 / 1e8);
     m.memory.speeds.front().set.holds = 1e9;
-    CHECK(w.forward_bound(m) < in_memory / 5);
+    CHECK(w.bounds(m).forward() < in_memory / 5);
 }
 
 // The design's figures for 100,000 Gaussians, 3 channels and 16 lanes: 1.9 ms on a core that does
@@ -73,7 +73,7 @@ TEST_CASE("bound: of the timed head, as computed by hand for one processor") {
     m.memory.speeds = {{{"L3", 1.6e7, 3.2e7}, 72e9, 72e9}};
     const SplatWork w{.gaussians = 1e5, .channels = 3, .pixels = 512 * 512, .visible = 99866,
                       .entries = 298000, .pairs = 6.117e6, .blocks = 733000, .touched = 298000};
-    CHECK(1e3 * w.forward_bound(m) == doctest::Approx(1.9).epsilon(0.06));
-    CHECK(1e3 * w.both_bound(m) > 4.5);
-    CHECK(1e3 * w.both_bound(m) < 5.8);
+    CHECK(1e3 * w.bounds(m).forward() == doctest::Approx(1.9).epsilon(0.06));
+    CHECK(1e3 * w.bounds(m).both() > 4.5);
+    CHECK(1e3 * w.bounds(m).both() < 5.8);
 }

@@ -3,9 +3,11 @@
 /// run that uses it.
 #pragma once
 
+#include <cstdio>
+
 #include "memory.hpp"
 #include "order.hpp"
-#include "products.hpp"
+#include "rates.hpp"
 
 namespace rye::bench {
 
@@ -18,26 +20,25 @@ struct Machine {
     double entries;          ///< numbers appended to 1024 lists [1/s]
     MemorySpeeds memory;
 
-    /// Counts fused products of whole vectors [1/s].
+    /// Returns fused products of whole vectors [1/s].
     double vector_products() const { return flops / (2 * lanes); }
-    /// Counts them a cycle.
-    double products_a_cycle() const { return vector_products() / cycles; }
 };
 
-/// Measures the peak rate of products, once a process.
-inline const PeakTurns& peak() {
-    static const PeakTurns best = [] {
-        PeakTurns t;
-        for (int i = 0; i < 100; ++i) t.turn();
-        return t;
+/// Measures the peak rate of products, once a process; says so on stderr if no processor does that.
+inline const ProductRates& peak() {
+    static const ProductRates rates = [] {
+        auto r = ProductRates::measured<Floats>(100);
+        const std::string wrong = r.unmeasured() + r.impossible();
+        if (!wrong.empty()) std::fprintf(stderr, "the peak is not one: %s\n", wrong.c_str());
+        return r;
     }();
-    return best;
+    return rates;
 }
 
 /// Measures all of it, once a process.
 inline const Machine& machine() {
-    static const Machine m{peak().flops,       peak().cycles,     double(ChainValues::lanes),
-                           sorted_keys(),      appended_entries(), measured_speeds()};
+    static const Machine m{peak().flops(), peak().cycles(),    peak().lanes(),
+                           sorted_keys(),  appended_entries(), measured_speeds()};
     return m;
 }
 

@@ -22,17 +22,20 @@ namespace rye::bench {
 /// Numbers that one turn of the loops below takes: eight vectors of the widest lanes.
 inline constexpr std::size_t memory_turn = 128;
 
-/// Adds n numbers, a multiple of `memory_turn`: as many loads as a core has units for, since eight
-/// sums do not wait for each other.
-inline float read_all(const float* from, std::size_t n) {
+/// Returns the sum of n numbers, a multiple of `memory_turn`, gone through `passes` times: as many
+/// loads as a core has units for, since eight sums do not wait for each other.
+inline float read_all(const float* from, std::size_t n, int passes = 1) {
     using V = XsimdBackend<>::batch<float>;
     constexpr std::size_t lanes = V::size;
     std::array<V, 8> sum;
     sum.fill(V(0.F));
-    for (std::size_t at = 0; at < n; at += 8 * lanes)
-        unrolled<8>([&](auto i) __attribute__((always_inline)) {
-            sum[i] = sum[i] + V::load_aligned(from + at + i * lanes);
-        });
+    for (int pass = 0; pass < passes; ++pass) {
+        opaque(from);
+        for (std::size_t at = 0; at < n; at += 8 * lanes)
+            unrolled<8>([&](auto i) __attribute__((always_inline)) {
+                sum[i] = sum[i] + V::load_aligned(from + at + i * lanes);
+            });
+    }
     V all(0.F);
     unrolled<8>([&](auto i) { all = all + sum[i]; });
     return lane_sum(all);
@@ -65,19 +68,20 @@ inline MemorySpeed measured_speed(const WorkingSet& set, int runs) {
     std::fill_n(x, n, 1.F);
     const double bytes = 4.0 * static_cast<double>(n);
     const int passes = static_cast<int>(std::max(1.0, 0x1p23 / bytes));
-    const auto rate = [&](const auto& pass) {
-        return passes * bytes / least_time(runs, [&] {
-                   for (int i = 0; i < passes; ++i) pass();
-               });
+    const auto rate = [&](const auto& all_passes) {
+        return passes * bytes /
+               least_time(runs, all_passes, passes > 1 ? wall_seconds : thread_seconds);
     };
     MemorySpeed speed{set, 0, 0};
     speed.read = rate([&] {
-        float sum = read_all(x, n);
+        float sum = read_all(x, n, passes);
         opaque(sum);
     });
     speed.copy = rate([&] {
-        copy_all(x, x + n / 2, n / 2);
-        opaque(*x);
+        for (int i = 0; i < passes; ++i) {
+            copy_all(x, x + n / 2, n / 2);
+            opaque(*x);
+        }
     });
     return speed;
 }

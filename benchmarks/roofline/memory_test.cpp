@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 #include "memory.hpp"
-#include "products.hpp"
+#include "rates.hpp"
 
 using namespace rye::bench;
 
@@ -95,6 +95,7 @@ TEST_CASE("roofline: the loops read and copy every number") {
     float* const x = memory.reserve(2 * n);
     std::iota(x, x + n, 1.F);
     CHECK(read_all(x, n) == n * (n + 1) / 2);        // whole numbers: exact in any order
+    CHECK(read_all(x, n, 3) == 3 * n * (n + 1) / 2);
     std::fill_n(x + n, n, 0.F);
     copy_all(x, x + n, n);
     CHECK(std::vector<float>(x, x + n) == std::vector<float>(x + n, x + 2 * n));
@@ -102,12 +103,11 @@ TEST_CASE("roofline: the loops read and copy every number") {
 
 // A loop that the compiler removed would be faster than any processor.
 TEST_CASE("roofline: the nearest cache moves what a core can, no more") {
-    PeakTurns core;
-    for (int i = 0; i < 20; ++i) core.turn();
+    const auto core = ProductRates::measured<Floats>(20);
     const MemorySpeed near = measured_speed(working_sets(cache_sizes(), 0x1p30).front(), 20);
-    const double vector = 4 * double(ChainValues::lanes);    // [byte]
-    CHECK(near.read / core.cycles < 4 * vector);             // loads a cycle
-    CHECK(near.copy / core.cycles < 2 * 3 * vector);         // loads and stores
-    CHECK(near.read / core.cycles > 1);
-    CHECK(near.copy / core.cycles > 1);
+    const double vector = 4 * core.lanes();    // [byte]
+    CHECK(near.read / core.cycles() < 4 * vector);             // loads a cycle
+    CHECK(near.copy / core.cycles() < 2 * 3 * vector);         // loads and stores
+    CHECK(near.read / core.cycles() > 1);
+    CHECK(near.copy / core.cycles() > 1);
 }

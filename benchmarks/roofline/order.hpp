@@ -26,7 +26,9 @@ inline double sorted_keys() {
     for (int i = 0; i < 15; ++i) {
         x = unsorted;
         least = std::min(least,
-                         least_time(1, [&] { sort_by_key(x.data(), buffer.data(), Index(n)); }));
+                         least_time(
+                             1, [&] { sort_by_key(x.data(), buffer.data(), Index(n)); },
+                             wall_seconds));
     }
     return static_cast<double>(n) / least;
 }
@@ -43,12 +45,13 @@ inline double appended_entries() {
         for (std::uint32_t k = 0; k < reached; ++k) ++begin[first[i] + k + 1];
     }
     for (std::uint32_t i = 0; i < lists; ++i) begin[i + 1] += begin[i];
-    const double least = least_time(15, [&] {
+    const auto append = [&] {
         std::copy_n(begin.begin(), lists, cursor.begin());
         for (std::uint32_t i = 0; i < gaussians; ++i)
             for (std::uint32_t k = 0; k < reached; ++k) entry[cursor[first[i] + k]++] = i;
         opaque(entry[0]);
-    });
+    };
+    const double least = least_time(15, append, wall_seconds);
     return gaussians * double(reached) / least;
 }
 

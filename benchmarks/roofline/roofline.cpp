@@ -20,7 +20,7 @@ void roofline(benchmark::State& state) {
     const Machine& m = machine();
     state.counters["gflop_s"] = m.flops * 1e-9;
     state.counters["gcycle_s"] = m.cycles * 1e-9;
-    state.counters["products_a_cycle"] = m.products_a_cycle();
+    state.counters["products_a_cycle"] = peak().a_cycle();
     state.counters["mkey_s"] = m.keys * 1e-6;
     state.counters["mentry_s"] = m.entries * 1e-6;
     state.counters["lanes"] = m.lanes;
@@ -29,6 +29,20 @@ void roofline(benchmark::State& state) {
     state.SetLabel(processor_name());
 }
 BENCHMARK(roofline)->Iterations(1)->Unit(benchmark::kMillisecond);
+
+/// Vectors of each width, of float and of double: a row of their own.
+template <class V>
+void products(benchmark::State& state) {
+    ProductRates rates(1);
+    for (auto _ : state) rates = ProductRates::measured<V>(100);
+    state.counters["lanes"] = rates.lanes();
+    state.counters["gflop_s"] = rates.flops() * 1e-9;
+    state.counters["gcycle_s"] = rates.cycles() * 1e-9;
+    state.counters["products_a_cycle"] = rates.a_cycle();
+    state.counters["latency"] = rates.latency();
+    const std::string wrong = rates.unmeasured() + rates.impossible();
+    state.SetLabel(processor_name() + (wrong.empty() ? "" : "; not so: " + wrong));
+}
 
 /// Memory at each working set: a row of its own.
 void memory_speed(benchmark::State& state, std::size_t at) {
@@ -44,6 +58,12 @@ void memory_speed(benchmark::State& state, std::size_t at) {
 int main(int argc, char** argv) {
     benchmark::Initialize(&argc, argv);
     if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 1;
+    each_vector_kind([]<class V>(VectorKind<V>) {
+        const std::string number = sizeof(typename V::value_type) == 4 ? "float" : "double";
+        benchmark::RegisterBenchmark(
+            ("products/" + number + "/lanes:" + std::to_string(V::size)).c_str(), products<V>)
+            ->Iterations(1);
+    });
     const auto& speeds = machine().memory.speeds;
     for (std::size_t i = 0; i < speeds.size(); ++i) {
         const auto kbyte = static_cast<long long>(speeds[i].set.bytes / 1024);

@@ -43,7 +43,7 @@ struct Work {
     }
     /// The last render's work, for vectors of this machine's lanes.
     SplatWork counted() const {
-        const BlendCount n = count(Block::of(int(ChainValues::lanes)));
+        const BlendCount n = count(Block::of(int(Floats::size)));
         return {double(scene.gaussians.count()),       double(scene.gaussians.channels()),
                 double(raster.alpha.size()),           double(raster.trace.members.size()),
                 double(raster.trace.lists.entries()),  n.pairs, n.blocks, n.touched};
@@ -82,7 +82,8 @@ inline double kept_bytes(double gaussians, double visible, double entries, int c
 /// the machine's bound, and which machine that is, with its load at the time.
 inline void report(benchmark::State& state, const SplatWork& w, const Times& t) {
     const Machine& m = machine();
-    const double forward = w.forward_bound(m), both = w.both_bound(m);
+    const StageBounds bounds = w.bounds(m);
+    const double forward = bounds.forward(), both = bounds.both();
     const Load load = t.load.mean();
     state.counters["fwd_ms"] = 1e3 * t.forward;
     state.counters["both_ms"] = 1e3 * t.both;
@@ -90,6 +91,12 @@ inline void report(benchmark::State& state, const SplatWork& w, const Times& t) 
     state.counters["both_bound_ms"] = 1e3 * both;
     state.counters["fwd_over_bound"] = t.forward / forward;
     state.counters["both_over_bound"] = t.both / both;
+    state.counters["bound_project_ms"] = 1e3 * bounds.project;
+    state.counters["bound_sort_ms"] = 1e3 * bounds.sort;
+    state.counters["bound_lists_ms"] = 1e3 * bounds.lists;
+    state.counters["bound_blend_ms"] = 1e3 * bounds.blend;
+    state.counters["bound_reverse_ms"] = 1e3 * bounds.reverse;
+    state.counters["bound_project_vjp_ms"] = 1e3 * bounds.project_vjp;
     state.counters["load"] = load.average;
     state.counters["running"] = load.running;
     state.counters["live"] = w.live(m.lanes);

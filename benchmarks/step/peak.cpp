@@ -36,7 +36,7 @@ double least_together(int threads, F&& work) {
 
 } // namespace
 
-double measured_peak() { return peak().flops; }
+double measured_peak() { return peak().flops(); }
 
 Together measured_together(int threads) {
     const auto products = [](int) { fused_products(8000000); };
