@@ -392,13 +392,16 @@ double colours_apart(const Capture& c) {
 
 } // namespace
 
-TEST_CASE("colours of cameras that are alike stay as they are") {
+TEST_CASE("colours of cameras and frames that are alike stay as they are") {
     Capture capture = read_capture(right().path);
-    const LabelFinding found = correct_colours(capture, preset("cpu"));
-    CAPTURE(found.off);
-    CHECK_FALSE(found.wrong);
-    CHECK(found.off < 2);
+    for (const LabelFinding& found : correct_colours(capture, preset("cpu"))) {
+        CAPTURE(found.label);
+        CAPTURE(found.off);
+        CHECK_FALSE(found.wrong);
+        CHECK(found.off < 0.7 * found.bound);
+    }
     CHECK(capture.camera_gains.empty());
+    CHECK(capture.frame_exposures.empty());
     CHECK(colours_apart(capture) == 0);
 }
 
@@ -408,12 +411,13 @@ TEST_CASE("gains and white balance of cameras are taken out of their pictures") 
         s[Flaw::white_balance] = 5;
     });
     const double before = colours_apart(flawed.capture);
-    const LabelFinding found = correct_colours(flawed.capture, preset("cpu"));
+    const std::vector<LabelFinding> found = correct_colours(flawed.capture, preset("cpu"));
     const double after = colours_apart(flawed.capture);
-    CAPTURE(found.off);
+    CAPTURE(found[0].off);
     CAPTURE(before);
     CAPTURE(after);
-    CHECK(found.wrong);
+    CHECK(found[0].wrong);
+    CHECK_FALSE(found[1].wrong);
     MESSAGE("colours of cameras: ", before, " apart, then ", after);
     CHECK(before > 0.05);
     CHECK(after < before / 4);
@@ -425,6 +429,47 @@ TEST_CASE("gains and white balance of cameras are taken out of their pictures") 
     CHECK(sum.cwiseAbs().maxCoeff() < 1e-9);
 }
 
+TEST_CASE("exposures of frames are taken out of their pictures, with the gains of cameras") {
+    for (const bool gains : {false, true}) {
+        CAPTURE(gains);
+        Flawed flawed([&](FlawSizes& s) {
+            s[Flaw::exposure] = 20;
+            if (gains) s[Flaw::gain] = 12;
+        });
+        Capture& c = flawed.capture;
+        const std::vector<LabelFinding> found = correct_colours(c, preset("cpu"));
+        CHECK(found[0].wrong == gains);
+        CHECK(found[1].label == "exposures of frames");
+        CHECK(found[1].wrong);
+        REQUIRE(static_cast<int>(c.frame_exposures.size()) == c.frame_count());
+        // The light of each frame relative to the right one's, which all of them share then.
+        const auto spread = [&](bool taken_out) {
+            const std::vector<double> kept = c.frame_exposures;
+            if (!taken_out) c.frame_exposures.clear();
+            std::vector<double> log_light;
+            for (int f = 0; f < c.frame_count(); ++f) {
+                const auto light = [&](const Image<float>& picture) {
+                    return picture.pixels.cast<double>().unaryExpr(&linear_from_srgb).sum();
+                };
+                log_light.push_back(
+                    std::log(light(c.image(f, 2)) / light(right().capture.image(f, 2))));
+            }
+            c.frame_exposures = kept;
+            double mean = 0, squares = 0;
+            for (const double x : log_light) mean += x / static_cast<double>(log_light.size());
+            for (const double x : log_light) squares += (x - mean) * (x - mean);
+            return std::sqrt(squares / static_cast<double>(log_light.size()));
+        };
+        const double before = spread(false), after = spread(true);
+        MESSAGE("exposures: ", before, " apart, then ", after);
+        CHECK(before > 0.1);
+        CHECK(after < before / 3);
+        double sum = 0;
+        for (const double x : c.frame_exposures) sum += std::log(x);
+        CHECK(std::abs(sum) < 1e-9);
+    }
+}
+
 TEST_CASE("one camera has no colours of its own") {
     const TemporaryFolder folder;
     FlawOptions o;
@@ -434,6 +479,6 @@ TEST_CASE("one camera has no colours of its own") {
     o.one_camera = right().capture.camera_ids.front();
     write_flawed(o);
     Capture capture = read_capture(o.out);
-    CHECK_FALSE(correct_colours(capture, preset("cpu")).wrong);
+    CHECK_FALSE(correct_colours(capture, preset("cpu"))[0].wrong);
     CHECK(capture.camera_gains.empty());
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/expression_labels.hpp: expression coefficients of many frames of one head, corrected by
-/// where its landmarks are, before any picture is read. The displacements by the coefficients are
-/// those of a face model. Lengths in any unit; a frame is a column.
+/// rye/train/expression_labels.hpp: expression coefficients of many frames of one head, corrected
+/// by where its landmarks are, before any picture is read. The displacements by the coefficients
+/// are those of a face model. Lengths in any unit; a frame is a column.
 /// Source: a linear mixed model whose variances are estimated by expectation and maximisation
 /// (Dempster, Laird and Rubin, 1977), with the rigid motions of generalised Procrustes analysis
 /// (Gower, 1975).
