@@ -91,6 +91,7 @@ TEST_CASE("redirect: files of other frames are not read, and the picture has the
     const std::vector<std::vector<std::string>> calls{
         {"--frame", "0001"},
         {"--frame", "0001", "--camera", "c2", "--gaze-left", "5,10", "--gaze-right", "-5,-10"},
+        {"--frame", "0001", "--gaze-at", "head:0.2,0.4,6"},
         {"--frame", "0001", "--effects", "gaze"},
         {"--frame", "0001", "--compare"},
         {"--frame", "0001", "--sweep"}};
