@@ -10,6 +10,7 @@
 #pragma once
 
 #include <cmath>
+#include <type_traits>
 
 #include <rye/geometry/rigid.hpp>
 #include <rye/math/rotation.hpp>
@@ -47,6 +48,13 @@ RYE_HD T smooth_ramp(const T& x) {
     return max(x, T(0)) + constant<T>(0.25) * exp(T(-2) * abs(x));
 }
 
+/// Returns 0 to 0, 1 from 1 on, and 10 u^3 - 15 u^4 + 6 u^5 between.
+template <Scalar T>
+RYE_HD T smooth_rise(const T& x) {
+    const T u = clamp_value(x, T(0), T(1));
+    return u * u * u * (T(10) + u * (T(6) * u - T(15)));
+}
+
 } // namespace detail
 
 /// Returns the angle [rad] that a saccade has covered t [s] after its middle, where it is fastest:
@@ -73,11 +81,8 @@ struct BlinkPhases {
 /// after it. Speed and acceleration are continuous (minimum jerk: 10 u^3 - 15 u^4 + 6 u^5).
 template <Scalar T>
 RYE_HD T blink_closure(const T& t, const BlinkPhases<T>& p = {}) {
-    const auto rise = [](const T& x) {
-        const T u = clamp_value(x, T(0), T(1));
-        return T(u * u * u * (T(10) + u * (T(6) * u - T(15))));
-    };
-    return rise(T(t / p.closing)) - rise(T((t - p.closing - p.closed) / p.opening));
+    return detail::smooth_rise(T(t / p.closing)) -
+           detail::smooth_rise(T((t - p.closing - p.closed) / p.opening));
 }
 
 /// Returns the gaze, in the head's frame now, that keeps the direction which `gaze` had in the

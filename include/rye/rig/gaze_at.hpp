@@ -15,6 +15,7 @@
 #include <array>
 #include <cmath>
 #include <string>
+#include <type_traits>
 
 #include <rye/core/error.hpp>
 #include <rye/core/format.hpp>
