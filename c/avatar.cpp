@@ -189,8 +189,11 @@ rye_status rye_avatar_gaze_at(rye_avatar* avatar, rye_drivers* drivers, const fl
             head_placement(d), GazeTarget<float>{Vec3<float>(point[0], point[1], point[2])});
         for (std::size_t eye = 0; eye < 2; ++eye) {
             const auto e = static_cast<Index>(eye);
-            const float radius = std::sqrt(eyes.position.middleCols(eyes.first_point(e), eyes.points_of(e))
-                                               .colwise().squaredNorm().maxCoeff());
+            const float radius =
+                std::sqrt(eyes.position.middleCols(eyes.first_point(e), eyes.points_of(e))
+                              .colwise()
+                              .squaredNorm()
+                              .maxCoeff());
             require(norm(toward(centre[eye], target)) > target.weight * radius, "point",
                     "lies inside the ", (eye == 0 ? "left" : "right"),
                     " eye, expected one outside of the eyes");

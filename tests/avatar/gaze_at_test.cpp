@@ -75,15 +75,16 @@ TEST_CASE("gaze at: the eyes that are drawn look at the point, with offset, pose
                     const Vec3<double> placed =
                         head.world_from_head.apply(Vec3<double>(head.scale * centre[e]));
                     CHECK((drawn.centre - placed).norm() < 1e-12);
-                    const Vec3<double> axis = gaze_in_head(head.world_from_head.rotation, drawn.axis);
+                    const Vec3<double> axis =
+                        gaze_in_head(head.world_from_head.rotation, drawn.axis);
                     const double k0 = has_kappa ? avatar.eyes.kappa(0, eye) : 0,
                                  k1 = has_kappa ? avatar.eyes.kappa(1, eye) : 0;
                     const double pitch = std::asin(axis.y()) - k0,
                                  yaw = std::atan2(axis.x(), axis.z()) - k1;
-                    const Vec3<double> along = gaze_in_world(
-                        head.world_from_head.rotation,
-                        Vec3<double>(std::cos(pitch) * std::sin(yaw), std::sin(pitch),
-                                     std::cos(pitch) * std::cos(yaw)));
+                    const Vec3<double> along =
+                        gaze_in_world(head.world_from_head.rotation,
+                                      Vec3<double>(std::cos(pitch) * std::sin(yaw), std::sin(pitch),
+                                                   std::cos(pitch) * std::cos(yaw)));
                     const Vec3<double> d = world - drawn.centre;
                     worst = std::max(worst, 100 * (d - along * along.dot(d)).norm());
                 }

@@ -322,13 +322,14 @@ TEST_CASE(
         const auto aimed = gazes_at(ScalarBackend<>{}, p.avatar.eyes, p.config, p.neutral,
                                     {Vec3<float>(0.5F, 0.2F, 6)});
         for (std::size_t e = 0; e < 2; ++e)
-            CHECK((gaze_vector<float>(wrong.gaze[e][0], wrong.gaze[e][1]) - aimed[e].visual)
-                      .norm() < 1e-5F);
+            CHECK(
+                (gaze_vector<float>(wrong.gaze[e][0], wrong.gaze[e][1]) - aimed[e].visual).norm() <
+                1e-5F);
         const float behind[3] = {1, 0, -9}, nowhere[3] = {0, std::nanf(""), 1};
         REQUIRE(rye_avatar_gaze_at(avatar, &wrong, behind, 0.8F, missed) == RYE_OK);
         CHECK(missed[1] > 1);
-        check_failed(rye_avatar_gaze_at(avatar, &wrong, nowhere, 0.8F, nullptr),
-                     RYE_ERROR_ARGUMENT, "point: value 1 is nan");
+        check_failed(rye_avatar_gaze_at(avatar, &wrong, nowhere, 0.8F, nullptr), RYE_ERROR_ARGUMENT,
+                     "point: value 1 is nan");
         check_failed(rye_avatar_gaze_at(avatar, &wrong, behind, 2, nullptr), RYE_ERROR_ARGUMENT,
                      "range: got 2 rad");
         const HeadPlacement<float> head = head_placement(p.neutral);

@@ -476,7 +476,8 @@ struct LivingEyes {
         const Vec3<S> centre = in.template vector<3>(-0.4, 0.4), aside = in.template vector<3>();
         const GazeTarget<S> target{Vec3<S>(S(2) * aside[0], aside[1], S(4) + aside[2])};
         const KappaAngles<S> kappa{in.number(-0.1, 0.1), in.number(-0.1, 0.1)};
-        const Vec3<S> before = in.template vector<3>(-0.6, 0.6), now = in.template vector<3>(-0.6, 0.6);
+        const Vec3<S> before = in.template vector<3>(-0.6, 0.6),
+                      now = in.template vector<3>(-0.6, 0.6);
         const HeadPlacement<S> head{{so3_exp(before), in.template vector<3>()}, constant<S>(1.1)};
         const S amplitude = in.number(0.01, 0.5), t = in.number(-0.1, 0.3);
         const AimedEye<S> eye = aim_eye(centre, target, kappa, constant<S>(0.5));

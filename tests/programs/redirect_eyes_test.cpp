@@ -28,7 +28,9 @@ TrainState sighted_run() {
     return s;
 }
 
-DrawnFrame one_frame() { return {test::tiny_drivers<float>(), test::tiny_camera(64, 48).cast<float>()}; }
+DrawnFrame one_frame() {
+    return {test::tiny_drivers<float>(), test::tiny_camera(64, 48).cast<float>()};
+}
 
 /// A capture of frames with three coefficients.
 Capture named_capture(const std::vector<std::string>& names, const std::vector<float>& largest) {
@@ -46,7 +48,8 @@ double beside(const nlohmann::json& eye, const nlohmann::json& label) {
         return Vec3<double>(j[0].get<double>(), j[1].get<double>(), j[2].get<double>());
     };
     Mat3<double> r;
-    for (int i = 0; i < 3; ++i) r.row(i) = vec(label["camera"]["extrinsic"][static_cast<std::size_t>(i)]);
+    for (int i = 0; i < 3; ++i)
+        r.row(i) = vec(label["camera"]["extrinsic"][static_cast<std::size_t>(i)]);
     const Vec3<double> along = r.transpose() * vec(eye["visual_in_camera"]),
                        d = vec(label["target"]) - vec(eye["centre"]);
     return (d - along * along.dot(d)).norm();
@@ -79,7 +82,8 @@ TEST_CASE("gaze at: what the option takes") {
         CHECK_FAULT(parsed_gaze_point(wrong, "--gaze-at"), "--gaze-at: got '");
 }
 
-TEST_CASE("gaze at: visual axes of the labels pass the point, in the world, the head and the camera") {
+TEST_CASE(
+    "gaze at: visual axes of the labels pass the point, in the world, the head and the camera") {
     const TrainState state = sighted_run();
     for (const char* target : {"camera", "0.5,-0.4,4", "head:1,1,8", "head:-0.4,0.2,3"}) {
         CAPTURE(target);
@@ -89,7 +93,7 @@ TEST_CASE("gaze at: visual axes of the labels pass the point, in the world, the 
         aim_frames(at, state, frames);
         for (const nlohmann::json& label : labels(state, frames, at))
             for (const char* eye : {"left", "right"}) {
-                CHECK(100 * beside(label[eye], label) < 0.01);  // [mm]: six digits of a label
+                CHECK(100 * beside(label[eye], label) < 0.01); // [mm]: six digits of a label
                 CHECK(label[eye]["optical"] != label[eye]["visual"]);
             }
     }
@@ -97,8 +101,9 @@ TEST_CASE("gaze at: visual axes of the labels pass the point, in the world, the 
     const Vec3<double> centre = placed_eyes(state, frames[0].drivers).centre[1];
     std::ostringstream inside;
     inside << "head:" << centre.x() << "," << centre.y() + 0.1 << "," << centre.z();
-    CHECK_FAULT(aim_frames({inside.str()}, state, frames),
-                "--gaze-at: got " + inside.str() + ", which lies inside the right eye of picture 0");
+    CHECK_FAULT(
+        aim_frames({inside.str()}, state, frames),
+        "--gaze-at: got " + inside.str() + ", which lies inside the right eye of picture 0");
 }
 
 TEST_CASE("idle: without its parts and with a still head it changes nothing") {
@@ -167,9 +172,10 @@ TEST_CASE("idle: what a run cannot show is left out, and named") {
     CHECK(say.str().find("blinks are left out: the coefficients of the expression have no names") !=
           std::string::npos);
     say.str("");
-    idle_frames({1, "1", {}}, {}, {25, 1}, state, named_capture({"a", "eyeBlink_L", "c"}, {0, 0, 1}),
-                {one_frame()}, say);
-    CHECK(say.str().find("no coefficient whose name has 'blink' in it varies") != std::string::npos);
+    idle_frames({1, "1", {}}, {}, {25, 1}, state,
+                named_capture({"a", "eyeBlink_L", "c"}, {0, 0, 1}), {one_frame()}, say);
+    CHECK(say.str().find("no coefficient whose name has 'blink' in it varies") !=
+          std::string::npos);
     say.str("");
     idle_frames({1, "1", {}}, {}, {25, 1}, state,
                 named_capture({"a", "eyeBlink_L", "c"}, {0, 0.3f, 1}), {one_frame()}, say);

@@ -20,7 +20,7 @@ using namespace rye;
 namespace {
 
 constexpr double aim_degree = std::numbers::pi / 180;
-constexpr double mm = 100;  // of a canonical unit
+constexpr double mm = 100; // of a canonical unit
 
 /// Two eyes 62 mm apart, and their kappas.
 template <class T>
@@ -40,7 +40,8 @@ struct SeenRay {
 };
 SeenRay seen_ray(const Vec3<double>& centre, const Vec3<double>& optical,
                  const KappaAngles<double>& kappa, const HeadPlacement<double>& head) {
-    const EyeTransform<double> eye = eye_transform<double>({.centre = centre, .gaze = optical}, head);
+    const EyeTransform<double> eye =
+        eye_transform<double>({.centre = centre, .gaze = optical}, head);
     const Mat3<double>& r = head.world_from_head.rotation;
     const Vec3<double> axis = r.transpose() * eye.rotation.col(2);
     const double pitch = std::asin(axis.y()) - kappa.pitch;
@@ -88,8 +89,8 @@ TEST_CASE_TEMPLATE("gaze at: both visual axes meet at the point, at any pose and
     for (const HeadPlacement<double>& head : head_poses())
         for (const auto& [pitch, yaw] : {std::pair{0.0, 0.0}, {-1.5, 5.0}, {2.0, -3.0}})
             for (const double distance : {300.0, 600.0, 2000.0})
-                for (const Vec3<double>& aside :
-                     {Vec3<double>(0, 0, 1), Vec3<double>(0.4, 0.2, 1), Vec3<double>(-0.3, -0.5, 1)}) {
+                for (const Vec3<double>& aside : {Vec3<double>(0, 0, 1), Vec3<double>(0.4, 0.2, 1),
+                                                  Vec3<double>(-0.3, -0.5, 1)}) {
                     const Vec3<double> in_head =
                         distance / mm * aside.normalized() + Vec3<double>(0, 0.05, 0.4);
                     const Vec3<double> world =
@@ -120,11 +121,12 @@ TEST_CASE("gaze at: eyes converge by the angle of the triangle") {
     const AimedEyes<double> eyes = aim_eyes(centre, {Vec3<double>(0, 0, 3)}, kappas<double>(0, 0));
     CHECK(pitch_yaw(eyes[0].visual)[1] == doctest::Approx(-std::atan(0.1)));
     CHECK(pitch_yaw(eyes[1].visual)[1] == doctest::Approx(std::atan(0.1)));
-    CHECK(eyes[0].visual == eyes[0].optical);  // no kappa, to the bit
+    CHECK(eyes[0].visual == eyes[0].optical); // no kappa, to the bit
 }
 
 TEST_CASE("gaze at: infinitely far, both look the same way, whatever the head's place") {
-    const HeadPlacement<double> head{{so3_exp(Vec3<double>(0.1, 0.3, 0)), Vec3<double>(7, 8, 9)}, 2};
+    const HeadPlacement<double> head{{so3_exp(Vec3<double>(0.1, 0.3, 0)), Vec3<double>(7, 8, 9)},
+                                     2};
     const GazeTarget<double> far{Vec3<double>(1, 0.5, 4), 0};
     const AimedEyes<double> eyes =
         aim_eyes(aimed_centres<double>(), target_in_head(head, far), kappas<double>(-1.5, 5));
@@ -138,8 +140,9 @@ TEST_CASE("gaze at: infinitely far, both look the same way, whatever the head's 
         kappas<double>(-1.5, 5));
     CHECK((near[0].visual - expected).norm() <= 1e-10);
     // A number so large that its square is none.
-    const AimedEye<float> large = aim_eye(
-        Vec3<float>(0, 0, 0), GazeTarget<float>{Vec3<float>(3e30f, 0, 4e30f)}, KappaAngles<float>{});
+    const AimedEye<float> large =
+        aim_eye(Vec3<float>(0, 0, 0), GazeTarget<float>{Vec3<float>(3e30f, 0, 4e30f)},
+                KappaAngles<float>{});
     CHECK((large.visual - Vec3<float>(0.6f, 0, 0.8f)).norm() <= 1e-6f);
 }
 
@@ -158,17 +161,19 @@ TEST_CASE("gaze at: beyond their range the eyes stop, together, and say by how m
             CHECK(eyes[e].missed ==
                   doctest::Approx(std::acos(eyes[e].visual.dot((p - centre[e]).normalized()))));
             CHECK(eyes[e].missed > 5 * aim_degree);
-            CHECK(eyes[e].visual.x() * yaw > 0);  // both to the side of the point
+            CHECK(eyes[e].visual.x() * yaw > 0); // both to the side of the point
         }
         CHECK(angular_error(eyes[0].visual, eyes[1].visual) < 15 * aim_degree);
     }
-    const AimedEyes<double> behind = aim_eyes(centre, target_of<double>({0, 0.045, -9}), kappa, range);
+    const AimedEyes<double> behind =
+        aim_eyes(centre, target_of<double>({0, 0.045, -9}), kappa, range);
     for (std::size_t e = 0; e < 2; ++e) {
         CHECK(behind[e].visual.z() > 0.9);
         CHECK(behind[e].missed > 160 * aim_degree);
     }
     // Between the eyes: each turns in as far as it can.
-    const AimedEyes<double> nose = aim_eyes(centre, target_of<double>({0, 0.045, 0.45}), kappa, range);
+    const AimedEyes<double> nose =
+        aim_eyes(centre, target_of<double>({0, 0.045, 0.45}), kappa, range);
     CHECK(angle_from_ahead(nose[0].optical) == doctest::Approx(range));
     CHECK(nose[0].visual.x() < 0);
     CHECK(nose[1].visual.x() > 0);
@@ -189,8 +194,9 @@ TEST_CASE("gaze at: targets that are none are refused") {
     CHECK(refused({0, 0, 6}).empty());
     CHECK(refused({0, 0, 6}, 0).empty());
     CHECK(refused({0.31, 0.05, 0.5}).find("lies inside the left eye") != std::string::npos);
-    CHECK(refused({-0.31, 0.04, 0.41}).find("--gaze-at: got the point (-0.31, 0.04, 0.41), which "
-                                            "lies inside the right eye") == 0);
+    CHECK(refused({-0.31, 0.04, 0.41})
+              .find("--gaze-at: got the point (-0.31, 0.04, 0.41), which "
+                    "lies inside the right eye") == 0);
     CHECK(refused({0, inf, 6}).find("expected finite numbers") != std::string::npos);
     CHECK(refused({0, std::nan(""), 6}).find("expected finite numbers") != std::string::npos);
     CHECK(refused({0, 0, 6}, -1).find("weight of 0 or more") != std::string::npos);
@@ -203,9 +209,9 @@ TEST_CASE("gaze at: duals' derivatives are finite differences, inside and outsid
     // Coordinates of the centre and of the target, pitch and yaw of kappa.
     const auto axes = [](const auto* x) {
         using T = std::decay_t<decltype(x[0])>;
-        const AimedEye<T> eye = aim_eye(Vec3<T>(x[0], x[1], x[2]),
-                                        GazeTarget<T>{Vec3<T>(x[3], x[4], x[5])},
-                                        KappaAngles<T>{x[6], x[7]}, T(0.9));
+        const AimedEye<T> eye =
+            aim_eye(Vec3<T>(x[0], x[1], x[2]), GazeTarget<T>{Vec3<T>(x[3], x[4], x[5])},
+                    KappaAngles<T>{x[6], x[7]}, T(0.9));
         return std::array<T, 7>{eye.visual[0],  eye.visual[1],  eye.visual[2], eye.optical[0],
                                 eye.optical[1], eye.optical[2], eye.missed};
     };
@@ -233,9 +239,7 @@ TEST_CASE("gaze at: duals' derivatives are finite differences, inside and outsid
 TEST_CASE("gaze at: lanes give what each gives alone") {
     using Batch = XsimdBackend<>::batch<float>;
     const auto centre = [](std::size_t l) { return unit_vec<float, 3>(l, 2); };
-    const auto point = [](std::size_t l) {
-        return Vec3<float>(4.0f * unit_vec<float, 3>(l, 3));
-    };
+    const auto point = [](std::size_t l) { return Vec3<float>(4.0f * unit_vec<float, 3>(l, 3)); };
     const KappaAngles<float> kappa{-0.02f, 0.08f};
     const AimedEye<Batch> lanes =
         aim_eye(lanes_of<Batch, 3>(centre), GazeTarget<Batch>{lanes_of<Batch, 3>(point)},

@@ -18,7 +18,7 @@ bool same_moment(const IdleMoment& a, const IdleMoment& b) {
     return a.turn == b.turn && a.closed == b.closed && a.lid_behind == b.lid_behind;
 }
 
-IdleSettings only(bool IdleSettings::* part) {
+IdleSettings only(bool IdleSettings::*part) {
     IdleSettings s;
     s.saccades = s.drift = s.blinks = s.lid_lag = false;
     if (part != nullptr) s.*part = true;
@@ -33,21 +33,27 @@ TEST_CASE("saccades: their measured peak speed is the main sequence's, and peopl
         const double a = degrees * idle_degree, end = 2 * saccade_duration(a);
         double peak = 0;
         for (double t = -end; t < end; t += 1e-4)
-            peak = std::max(peak, (saccade_travel(a, t + 5e-5) - saccade_travel(a, t - 5e-5)) / 1e-4);
+            peak =
+                std::max(peak, (saccade_travel(a, t + 5e-5) - saccade_travel(a, t - 5e-5)) / 1e-4);
         worst = std::max(worst, std::abs(peak / saccade_peak_speed(a) - 1));
     }
     MESSAGE("peak speed, measured by differences, is the formula's to ", worst);
     CHECK(worst < 1e-3);
     // Hopf et al. 2018: means of 100 people [degrees, degrees/s], and their least deviation.
-    for (const auto& [degrees, speed, deviation] :
-         {std::tuple{5, 213, 29}, {15, 352, 50}, {30, 455, 67}, {5, 208, 36}, {10, 303, 50},
-          {20, 391, 71}})
-        CHECK(std::abs(saccade_peak_speed(degrees * idle_degree) / idle_degree - speed) < deviation);
+    for (const auto& [degrees, speed, deviation] : {std::tuple{5, 213, 29},
+                                                    {15, 352, 50},
+                                                    {30, 455, 67},
+                                                    {5, 208, 36},
+                                                    {10, 303, 50},
+                                                    {20, 391, 71}})
+        CHECK(std::abs(saccade_peak_speed(degrees * idle_degree) / idle_degree - speed) <
+              deviation);
 }
 
 TEST_CASE("saccades: from 0 to the amplitude, within the duration, by duals too") {
     for (const double degrees : {0.0, 0.3, 4.0, 25.0}) {
-        const double a = degrees * idle_degree, d = saccade_duration(a), c = MainSequence<double>{}.bend;
+        const double a = degrees * idle_degree, d = saccade_duration(a),
+                     c = MainSequence<double>{}.bend;
         CHECK(std::abs(saccade_travel(a, -d / 2)) <= c / 1600);
         CHECK(std::abs(saccade_travel(a, d / 2) - a) <= c / 1600);
         CHECK(saccade_travel(a, 0.0) == doctest::Approx(a / 2));
@@ -77,7 +83,7 @@ TEST_CASE("blinks: 0.1 to 0.5 s, closed once, faster down than up") {
         up = std::max(up, -speed);
         above_half += blink_closure(t) > 0.5 ? 1e-4 : 0;
     }
-    CHECK(down > 1.4 * up);  // Sforza et al. 2008: 40 to 47 percent
+    CHECK(down > 1.4 * up); // Sforza et al. 2008: 40 to 47 percent
     CHECK(above_half == doctest::Approx(p.closed + (p.closing + p.opening) / 2).epsilon(0.01));
 }
 
@@ -109,7 +115,13 @@ TEST_CASE("idle eyes: the same seed gives the same bits, in any order of times; 
 TEST_CASE("idle eyes: what is off is nothing, to the bit") {
     const IdleEyes none(only(nullptr), 7, 60);
     const IdleEyes all({}, 7, 60);
-    const IdleEyes no_lag([] { IdleSettings s; s.lid_lag = false; return s; }(), 7, 60);
+    const IdleEyes no_lag(
+        [] {
+            IdleSettings s;
+            s.lid_lag = false;
+            return s;
+        }(),
+        7, 60);
     const IdleEyes lids(only(&IdleSettings::blinks), 7, 60);
     for (double t = 0; t < 60; t += 0.013) {
         CHECK(same_moment(none.at(t), IdleMoment{}));
@@ -144,8 +156,7 @@ TEST_CASE("idle eyes: saccades keep the main sequence, fixations their range") {
     s.drift = true;
     const IdleEyes drifting(s, 3, 200);
     double wide = 0;
-    for (double t = 0; t < 200; t += 0.05)
-        wide = std::max(wide, drifting.at(t).turn.norm());
+    for (double t = 0; t < 200; t += 0.05) wide = std::max(wide, drifting.at(t).turn.norm());
     CHECK(wide > 8 * idle_degree);
     CHECK(wide < 19 * idle_degree);
     const IdleEyes still(only(&IdleSettings::drift), 3, 600);
@@ -154,7 +165,7 @@ TEST_CASE("idle eyes: saccades keep the main sequence, fixations their range") {
         slow = std::max(slow, (still.at(t + 1e-3).turn - still.at(t).turn).norm() / 1e-3);
         away = std::max(away, still.at(t).turn.norm());
     }
-    CHECK(slow < 7 * idle_degree);  // [rad/s], far from a saccade's
+    CHECK(slow < 7 * idle_degree); // [rad/s], far from a saccade's
     CHECK(away < 6 * idle_degree);
 }
 
@@ -181,7 +192,7 @@ TEST_CASE("idle eyes: the lid is behind in a vertical saccade, more so upward, a
         double most = 0;
         for (double t = saccade.onset; t < saccade.onset + 0.15; t += 1e-3) {
             const double behind = eyes.at(t).lid_behind / saccade.turn[0];
-            CHECK(behind < 0.01);  // never ahead of the eye
+            CHECK(behind < 0.01); // never ahead of the eye
             most = std::max(most, -behind);
         }
         (saccade.turn[0] > 0 ? up : down) = std::max(saccade.turn[0] > 0 ? up : down, most);

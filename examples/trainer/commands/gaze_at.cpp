@@ -32,7 +32,8 @@ GazePoint parsed_gaze_point(const std::string& text, const std::string& option) 
     for (int k = 0; k < 3 && read; ++k) {
         const std::size_t comma = rest.find(',');
         const std::optional<double> x = parse_double(rest.substr(0, comma));
-        read = x && std::abs(*x) <= most_coordinate && (comma == std::string_view::npos) == (k == 2);
+        read =
+            x && std::abs(*x) <= most_coordinate && (comma == std::string_view::npos) == (k == 2);
         if (read) p.point[k] = *x;
         if (comma != std::string_view::npos) rest.remove_prefix(comma + 1);
     }
@@ -60,8 +61,8 @@ void add_gaze_at_options(CLI::App& command, GazeAtOptions& o) {
 PlacedEyes placed_eyes(const TrainState& state, const Drivers<float>& drivers) {
     PlacedEyes eyes;
     eyes.head = head_placement(drivers.cast<double>());
-    const auto centre = driven_eye_centres(train_backend(), state.avatar.eyes,
-                                           state.config.avatar, drivers);
+    const auto centre =
+        driven_eye_centres(train_backend(), state.avatar.eyes, state.config.avatar, drivers);
     const auto kappa = kappas_of(state.avatar.eyes);
     for (std::size_t e = 0; e < 2; ++e) {
         eyes.centre[e] = centre[e].cast<double>();
@@ -87,11 +88,11 @@ void aim_frames(const GazeAtOptions& o, const TrainState& state, std::vector<Dra
         const PlacedEyes eyes = placed_eyes(state, f.drivers);
         const GazeTarget<double> target = gaze_target(point, eyes.head, f.camera);
         for (std::size_t e = 0; e < 2; ++e)
-            require(norm(toward(eyes.centre[e], target)) >
-                        target.weight * state.subject.eye_radius[e],
-                    "--gaze-at", "got ", o.target, ", which lies inside the ",
-                    (e == 0 ? "left" : "right"), " eye of picture ", i,
-                    ", expected a point outside the eyes");
+            require(
+                norm(toward(eyes.centre[e], target)) > target.weight * state.subject.eye_radius[e],
+                "--gaze-at", "got ", o.target, ", which lies inside the ",
+                (e == 0 ? "left" : "right"), " eye of picture ", i,
+                ", expected a point outside the eyes");
         const AimedEyes<double> aimed =
             aim_eyes(eyes.centre, target, eyes.kappa, o.range_deg * degree);
         for (std::size_t e = 0; e < 2; ++e)

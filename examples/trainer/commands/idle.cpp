@@ -17,7 +17,8 @@ namespace rye::trainer {
 namespace {
 
 constexpr double degree = 3.14159265358979323846 / 180;
-/// Turn of the upper lid [rad] from open to closed, of which --idle makes weights: about 40 degrees.
+/// Turn of the upper lid [rad] from open to closed, of which --idle makes weights: about 40
+/// degrees.
 constexpr double lid_turn = 0.7;
 /// Largest weight of a blink below which a run has not seen a closed eye.
 constexpr float half_closed = 0.5f;
@@ -76,7 +77,8 @@ void turn_gaze(Vec3<float>& gaze, const Vec2<double>& turn, double range) {
 
 void move_lids(const LidCoefficients& lids, const IdleMoment& m, Drivers<float>& d) {
     const double behind = m.lid_behind / lid_turn; // above 0: the lid is still higher
-    const float closed = static_cast<float>(std::clamp(m.closed + std::max(0.0, -behind), 0.0, 1.0));
+    const float closed =
+        static_cast<float>(std::clamp(m.closed + std::max(0.0, -behind), 0.0, 1.0));
     const float wide = static_cast<float>(std::clamp(behind, 0.0, 1.0));
     for (const LidCoefficient& c : lids.blink) {
         float& w = d.expression[c.index];
@@ -127,8 +129,8 @@ void add_idle_options(CLI::App& command, IdleOptions& o) {
 LidCoefficients::LidCoefficients(const Capture& capture) {
     for (std::size_t k = 0; k < capture.expression_names.size(); ++k) {
         const std::string name = plain(capture.expression_names[k]);
-        const bool closes = name.find("blink") != std::string::npos ||
-                            name.find("eyesclosed") != std::string::npos;
+        const bool closes =
+            name.find("blink") != std::string::npos || name.find("eyesclosed") != std::string::npos;
         if (!closes && !name.starts_with("eyewide")) continue;
         float most = capture.frames.size() > 1 ? 0.0f : 1.0f;
         for (const CaptureFrame& f : capture.frames)
@@ -145,9 +147,10 @@ std::vector<DrawnFrame> idle_frames(const IdleOptions& o, const GazeAtOptions& a
     const double rate = static_cast<double>(fps.pictures) / fps.seconds;
     const auto count = static_cast<std::size_t>(std::max(1LL, std::llround(o.seconds * rate)));
     const DrawnFrame first = frames.front();
-    require_memory(count * (sizeof(DrawnFrame) +
-                            sizeof(float) * static_cast<std::size_t>(first.drivers.expression.size())),
-                   memory_limit(), "--idle", "drivers of " + std::to_string(count) + " pictures");
+    require_memory(
+        count * (sizeof(DrawnFrame) +
+                 sizeof(float) * static_cast<std::size_t>(first.drivers.expression.size())),
+        memory_limit(), "--idle", "drivers of " + std::to_string(count) + " pictures");
     if (frames.size() == 1) frames.resize(count, first);
     require(frames.size() >= count, "--idle", "got ", o.seconds, " s, ", count, " pictures at ",
             rate, " a second, but --driving or --cameras has ", frames.size());
@@ -177,10 +180,10 @@ std::vector<DrawnFrame> idle_frames(const IdleOptions& o, const GazeAtOptions& a
     say << "idle: " << eyes.saccades().size() << " saccades, " << eyes.blinks().size() << " blinks";
     if (settings.blinks) say << " (" << named(lids.blink, capture) << ")";
     say << (words.empty() ? "" : "; ") << words << "\n";
-    if (settings.blinks && std::all_of(lids.blink.begin(), lids.blink.end(), [](const auto& c) {
-            return c.most < half_closed;
-        }))
-        say << "idle: the run's frames show no closed eye; blinks close the lids as far as these do\n";
+    if (settings.blinks && std::all_of(lids.blink.begin(), lids.blink.end(),
+                                       [](const auto& c) { return c.most < half_closed; }))
+        say << "idle: the run's frames show no closed eye; blinks close the lids as far as these "
+               "do\n";
     return frames;
 }
 

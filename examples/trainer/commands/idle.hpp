@@ -12,7 +12,7 @@
 namespace rye::trainer {
 
 struct IdleOptions {
-    double seconds = 0;               ///< 0: not given
+    double seconds = 0; ///< 0: not given
     std::string seed = "1";
     std::vector<std::string> without; ///< names of parts that are off
 

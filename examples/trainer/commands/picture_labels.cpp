@@ -31,9 +31,7 @@ Json rows(const M& m) {
     for (Index i = 0; i < m.rows(); ++i) all.push_back(list(m.row(i)));
     return all;
 }
-Json degrees(double pitch, double yaw) {
-    return {rounded(pitch / degree), rounded(yaw / degree)};
-}
+Json degrees(double pitch, double yaw) { return {rounded(pitch / degree), rounded(yaw / degree)}; }
 Json degrees(const Vec3<double>& gaze) {
     const Vec2<double> a = pitch_yaw(gaze);
     return degrees(a[0], a[1]);

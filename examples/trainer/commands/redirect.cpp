@@ -250,7 +250,8 @@ void write_labels(const RedirectOptions& o, OutFormat format, const TrainState& 
 /// read.
 OutFormat checked_format(const RedirectOptions& o) {
     const OutFormat format = out_format(o.out, formats, "--out");
-    const bool many = o.idle.given() || !o.driving.path.empty() || (!o.own.file.empty() && o.own.view < 0);
+    const bool many =
+        o.idle.given() || !o.driving.path.empty() || (!o.own.file.empty() && o.own.view < 0);
     require(
         !moves(format) || many, "--out", "got ", o.out.string(),
         ", a video, but nothing moves: expected --driving, --idle, or --cameras "
@@ -260,8 +261,8 @@ OutFormat checked_format(const RedirectOptions& o) {
         },
         ")");
     require(moves(format) || (o.driving.path.empty() && !o.idle.given()), "--out", "got ",
-            o.out.string(), ", one picture, but ",
-            (o.idle.given() ? "--idle" : "--driving"), " makes a video, expected ", [&] {
+            o.out.string(), ", one picture, but ", (o.idle.given() ? "--idle" : "--driving"),
+            " makes a video, expected ", [&] {
                 return list_of({formats.begin() + 2, formats.end()});
             });
     require(format != OutFormat::y4m_stream || isatty(STDOUT_FILENO) == 0, "--out",
@@ -330,7 +331,8 @@ void add_redirect(CLI::App& app) {
                                           "+ is up and toward the subject's left")->delimiter(',');
     c->add_option("--gaze-right", o->right, "Subject's right eye: PITCH,YAW in degrees")->delimiter(',');
     add_gaze_at_options(*c, o->at);
-    for (const char* gaze : {"--gaze-left", "--gaze-right"}) c->get_option("--gaze-at")->excludes(gaze);
+    for (const char* gaze : {"--gaze-left", "--gaze-right"})
+        c->get_option("--gaze-at")->excludes(gaze);
     add_driving_options(*c, o->driving);
     add_idle_options(*c, o->idle);
     c->add_option("--fps", o->rate, "Pictures a second of a video: 25, or 30000/1001")

@@ -21,9 +21,8 @@ std::array<Vec3<T>, 2> driven_eye_centres(const B& backend, const EyeStream<T, E
     std::array<Vec3<T>, 2> centre{Vec3<T>(eyes.centre.col(0)), Vec3<T>(eyes.centre.col(1))};
     if constexpr (has_effect<E, EyeOffset>) {
         EyeOffsetTrace<T> trace;
-        const Columns<T> offset =
-            eye_offset<T>(backend, eyes.offset, config,
-                          frame_code(config, OpticalDrivers<T, D>(drivers)), trace);
+        const Columns<T> offset = eye_offset<T>(
+            backend, eyes.offset, config, frame_code(config, OpticalDrivers<T, D>(drivers)), trace);
         for (std::size_t e = 0; e < 2; ++e) centre[e] += offset.col(static_cast<Index>(e));
     }
     return centre;

@@ -21,8 +21,8 @@ namespace rye {
 /// Constants of the main sequence.
 template <Scalar T>
 struct MainSequence {
-    T fastest = constant<T>(7.574729);  ///< V, the speed of long saccades [rad/s] (434 degrees/s)
-    T bend = constant<T>(0.13613568);   ///< c, where the speed begins to level off [rad] (7.8 deg)
+    T fastest = constant<T>(7.574729); ///< V, the speed of long saccades [rad/s] (434 degrees/s)
+    T bend = constant<T>(0.13613568);  ///< c, where the speed begins to level off [rad] (7.8 deg)
 };
 
 /// Returns the peak speed [rad/s] of a saccade of an amplitude >= 0 [rad].

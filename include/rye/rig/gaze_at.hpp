@@ -130,8 +130,8 @@ AimedEyes<T> aim_eyes(const std::array<Vec3<T>, 2>& centre, const GazeTarget<T>&
     AimedEyes<T> eyes{aim_eye(centre[0], near, kappa[0], range),
                       aim_eye(centre[1], near, kappa[1], range)};
     for (std::size_t e = 0; e < 2; ++e)
-        eyes[e].missed = select(
-            moved, angular_error(eyes[e].visual, toward(centre[e], target)), eyes[e].missed);
+        eyes[e].missed =
+            select(moved, angular_error(eyes[e].visual, toward(centre[e], target)), eyes[e].missed);
     return eyes;
 }
 
@@ -147,17 +147,18 @@ GazeTarget<T> checked_target(const std::string& who, const GazeTarget<T>& target
     };
     const bool finite = std::isfinite(target.point[0]) && std::isfinite(target.point[1]) &&
                         std::isfinite(target.point[2]) && std::isfinite(target.weight);
-    require(finite && target.weight >= T(0), who, "got the point ", text, " with the weight ",
-            [&] { return number_text(target.weight); },
-            ", expected finite numbers and a weight of 0 or more");
+    require(
+        finite && target.weight >= T(0), who, "got the point ", text, " with the weight ",
+        [&] { return number_text(target.weight); },
+        ", expected finite numbers and a weight of 0 or more");
     require(target.weight > T(0) || norm(target.point) > T(0), who,
             "got a point at infinity without a direction");
     for (std::size_t e = 0; e < 2; ++e)
-        require(target.weight == T(0) ||
-                    norm(toward(centre[e], target)) > target.weight * radius,
-                who, "got the point ", text, ", which lies inside the ",
-                (e == 0 ? "left" : "right"), " eye, expected one further than ",
-                [&] { return number_text(radius); }, " from its centre");
+        require(
+            target.weight == T(0) || norm(toward(centre[e], target)) > target.weight * radius, who,
+            "got the point ", text, ", which lies inside the ", (e == 0 ? "left" : "right"),
+            " eye, expected one further than ", [&] { return number_text(radius); },
+            " from its centre");
     return target;
 }
 

@@ -29,17 +29,17 @@ struct IdleSettings {
     bool blinks = true;   ///< closures of both lids
     bool lid_lag = true;  ///< the upper lid behind a vertical saccade
 
-    double glance_share = 0.3;     ///< saccades that lead away from the point, 0 to 1
-    double mean_glance = 0.12043;  ///< of their exponentially distributed amplitudes (6.9 degrees)
-    double farthest = 0.26180;     ///< from the point (15 degrees)
-    double near = 0.014;           ///< deviation of fixations of the point itself (0.8 degrees)
-    double least_fixation = 0.2;   ///< duration; to it is added
-    double mean_more = 1.0;        ///< the mean of an exponentially distributed rest
-    double drift_speed = 0.007;    ///< deviation on each axis [rad/s] (0.4 degrees/s)
-    double blinks_a_minute = 17;   ///< on average
+    double glance_share = 0.3;      ///< saccades that lead away from the point, 0 to 1
+    double mean_glance = 0.12043;   ///< of their exponentially distributed amplitudes (6.9 degrees)
+    double farthest = 0.26180;      ///< from the point (15 degrees)
+    double near = 0.014;            ///< deviation of fixations of the point itself (0.8 degrees)
+    double least_fixation = 0.2;    ///< duration; to it is added
+    double mean_more = 1.0;         ///< the mean of an exponentially distributed rest
+    double drift_speed = 0.007;     ///< deviation on each axis [rad/s] (0.4 degrees/s)
+    double blinks_a_minute = 17;    ///< on average
     double least_blink_pause = 0.4; ///< from the end of a blink to the next
-    double lid_delay = 0.005;      ///< of the lid's saccade behind the eye's
-    double lid_up_slowness = 1.25; ///< of lids in saccades upward; downward they are as fast
+    double lid_delay = 0.005;       ///< of the lid's saccade behind the eye's
+    double lid_up_slowness = 1.25;  ///< of lids in saccades upward; downward they are as fast
     BlinkPhases<double> blink;
     MainSequence<double> main_sequence;
 };
@@ -153,13 +153,14 @@ class IdleEyes {
                 saccades_.push_back({t, by});
                 turned = Vec2<double>(turned[0] + by[0], turned[1] + by[1]);
             }
-            const double lasts = settings_.least_fixation +
-                                 settings_.mean_more * exponential(random, 8 * i + 7);
+            const double lasts =
+                settings_.least_fixation + settings_.mean_more * exponential(random, 8 * i + 7);
             if (settings_.drift) {
                 // Without saccades, what has drifted away drifts back.
                 const double back = settings_.saccades ? 0 : 1 / std::max(1.0, lasts),
                              v = settings_.drift_speed;
-                drifts_.push_back({t, slip,
+                drifts_.push_back({t,
+                                   slip,
                                    {v * random.normal(8 * i + 5) - back * slip[0],
                                     v * random.normal(8 * i + 6) - back * slip[1]}});
             }
