@@ -195,11 +195,16 @@ TEST_CASE("idle eyes: the lid is behind in a vertical saccade, more so upward, a
             CHECK(behind < 0.01); // never ahead of the eye
             most = std::max(most, -behind);
         }
-        (saccade.turn[0] > 0 ? up : down) = std::max(saccade.turn[0] > 0 ? up : down, most);
+        // The time by which the lid is late where the eye is fastest.
+        const double a = std::hypot(saccade.turn[0], saccade.turn[1]);
+        double& late = saccade.turn[0] > 0 ? up : down;
+        late = std::max(late, most * a / saccade_peak_speed(a));
         CHECK(std::abs(eyes.at(saccade.onset + 0.199).lid_behind) < 0.2 * idle_degree);
     }
-    CHECK(down > 0.03);
-    CHECK(up > 1.2 * down);
+    CHECK(down > 0.0045);
+    CHECK(down < 0.0055);
+    CHECK(up > 0.007);
+    CHECK(up < 0.015);
 }
 
 TEST_CASE("idle eyes: settings out of range are named") {

@@ -179,14 +179,16 @@ class IdleEyes {
         }
     }
 
-    /// Returns the share of a saccade that is done at t, of an eye or lid that begins `delay` later
-    /// and is `slowness` times as slow.
+    /// Returns the share of a saccade that is done at t, of an eye or of a lid: its middle is
+    /// `delay` later, and half the time by which the saccade of a lid `slowness` times as slow
+    /// takes longer.
     double travelled(const IdleSaccade& s, double t, double delay, double slowness) const {
         const double amplitude = std::hypot(s.turn[0], s.turn[1]);
         if (amplitude == 0) return 0;
         MainSequence<double> m = settings_.main_sequence;
+        const double middle = s.onset + 0.5 * saccade_duration(amplitude, m) + delay +
+                              0.5 * (slowness - 1) * amplitude / m.fastest;
         m.fastest /= slowness;
-        const double middle = s.onset + delay + 0.5 * saccade_duration(amplitude, m);
         const double done = amplitude / m.bend / 2 + 20; // then rounding alone is left
         const double x = (t - middle) * m.fastest / m.bend;
         if (x > done) return 1;
