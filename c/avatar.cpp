@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// c/avatar.cpp: avatar files, drawn by drivers, as rye/c/rye.h has them.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <memory>
@@ -8,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include <rye/avatar/gaze_at.hpp>
 #include <rye/capture/avatar_file.hpp>
 #include <rye/interactive/player.hpp>
 #include <rye/rig/gaze.hpp>
@@ -166,6 +168,42 @@ rye_status rye_avatar_neutral(const rye_avatar* avatar, rye_drivers* drivers, ry
         std::copy_n(d.pose.data(), 6, drivers->pose);
         drivers->scale = d.scale;
         set_camera(avatar->playable.camera, *camera);
+    });
+}
+
+rye_status rye_avatar_gaze_at(rye_avatar* avatar, rye_drivers* drivers, const float point[3],
+                              float range, float* missed) {
+    return guarded([&] {
+        check_pointer(avatar, "avatar");
+        check_pointer(point, "point");
+        check_finite(point, 3, "point");
+        require(range > 0 && range <= 1.22F, "range", "got ", range,
+                " rad, expected above 0 to 1.22");
+        const Drivers<float> d = drivers_of(*avatar, drivers);
+        const PlayableAvatar<float>& p = avatar->playable;
+        check_drivers("drivers", p.config, d);
+        const EyeStream<float, TrainedEffects>& eyes = p.avatar.eyes;
+        const std::array<Vec3<float>, 2> centre =
+            driven_eye_centres(LibraryBackend{avatar->pool.threads()}, eyes, p.config, d);
+        const GazeTarget<float> target = target_in_head(
+            head_placement(d), GazeTarget<float>{Vec3<float>(point[0], point[1], point[2])});
+        for (std::size_t eye = 0; eye < 2; ++eye) {
+            const auto e = static_cast<Index>(eye);
+            const float radius =
+                std::sqrt(eyes.position.middleCols(eyes.first_point(e), eyes.points_of(e))
+                              .colwise()
+                              .squaredNorm()
+                              .maxCoeff());
+            require(norm(toward(centre[eye], target)) > target.weight * radius, "point",
+                    "lies inside the ", (eye == 0 ? "left" : "right"),
+                    " eye, expected one outside of the eyes");
+        }
+        const AimedEyes<float> aimed = aim_eyes(centre, target, kappas_of(eyes), range);
+        for (std::size_t eye = 0; eye < 2; ++eye) {
+            const Vec2<float> angles = pitch_yaw(aimed[eye].visual);
+            std::copy_n(angles.data(), 2, drivers->gaze[eye]);
+            if (missed != nullptr) missed[eye] = aimed[eye].missed;
+        }
     });
 }
 

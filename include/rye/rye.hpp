@@ -20,6 +20,7 @@
 #include <rye/avatar/face_stream.hpp>
 #include <rye/avatar/field.hpp>
 #include <rye/avatar/frame_cotangent.hpp>
+#include <rye/avatar/gaze_at.hpp>
 #include <rye/avatar/guidance_mesh.hpp>
 #include <rye/avatar/head_pose.hpp>
 #include <rye/avatar/head_shading.hpp>
@@ -129,12 +130,15 @@
 #include <rye/rig/effect_slots.hpp>
 #include <rye/rig/effects.hpp>
 #include <rye/rig/eye_appearance.hpp>
+#include <rye/rig/eye_dynamics.hpp>
 #include <rye/rig/eye_transform.hpp>
 #include <rye/rig/eyeball.hpp>
 #include <rye/rig/gaze.hpp>
+#include <rye/rig/gaze_at.hpp>
 #include <rye/rig/gaze_features.hpp>
 #include <rye/rig/gaze_mechanism.hpp>
 #include <rye/rig/gaze_mechanisms.hpp>
+#include <rye/rig/idle_eyes.hpp>
 #include <rye/rig/influence.hpp>
 #include <rye/rig/nearest_landmark.hpp>
 #include <rye/rig/parts.hpp>

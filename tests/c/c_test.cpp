@@ -12,6 +12,7 @@
 
 #include <doctest/doctest.h>
 
+#include <rye/avatar/gaze_at.hpp>
 #include <rye/capture/avatar_file.hpp>
 #include <rye/interactive/player.hpp>
 #include <rye/splat/lanes.hpp>
@@ -312,6 +313,31 @@ TEST_CASE(
         wrong.gaze[0][1] = 2;
         check_failed(rye_avatar_draw(avatar, &wrong, &camera, nullptr, &picture),
                      RYE_ERROR_ARGUMENT, "gaze: got 2 rad, expected at most 1.57");
+        wrong = d;
+        float missed[2] = {-1, -1};
+        const Vec3<float> world = head_placement(p.neutral).world_from_head.apply(
+            Vec3<float>(p.neutral.scale * Vec3<float>(0.5F, 0.2F, 6)));
+        REQUIRE(rye_avatar_gaze_at(avatar, &wrong, world.data(), 0.8F, missed) == RYE_OK);
+        CHECK(missed[0] == 0);
+        const auto aimed = gazes_at(ScalarBackend<>{}, p.avatar.eyes, p.config, p.neutral,
+                                    {Vec3<float>(0.5F, 0.2F, 6)});
+        for (std::size_t e = 0; e < 2; ++e)
+            CHECK(
+                (gaze_vector<float>(wrong.gaze[e][0], wrong.gaze[e][1]) - aimed[e].visual).norm() <
+                1e-5F);
+        const float behind[3] = {1, 0, -9}, nowhere[3] = {0, std::nanf(""), 1};
+        REQUIRE(rye_avatar_gaze_at(avatar, &wrong, behind, 0.8F, missed) == RYE_OK);
+        CHECK(missed[1] > 1);
+        check_failed(rye_avatar_gaze_at(avatar, &wrong, nowhere, 0.8F, nullptr), RYE_ERROR_ARGUMENT,
+                     "point: value 1 is nan");
+        check_failed(rye_avatar_gaze_at(avatar, &wrong, behind, 2, nullptr), RYE_ERROR_ARGUMENT,
+                     "range: got 2 rad");
+        const HeadPlacement<float> head = head_placement(p.neutral);
+        const Vec3<float> eye = head.world_from_head.apply(
+            Vec3<float>(head.scale * driven_eye_centres(ScalarBackend<>{}, p.avatar.eyes, p.config,
+                                                        p.neutral)[0]));
+        check_failed(rye_avatar_gaze_at(avatar, &wrong, eye.data(), 0.8F, nullptr),
+                     RYE_ERROR_ARGUMENT, "point: lies inside the left eye");
         wrong = d;
         wrong.scale = 0;
         check_failed(rye_avatar_draw(avatar, &wrong, &camera, nullptr, &picture),

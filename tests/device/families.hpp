@@ -18,7 +18,9 @@
 #include <rye/nn/activations.hpp>
 #include <rye/nn/encoding.hpp>
 #include <rye/rig/cornea.hpp>
+#include <rye/rig/eye_dynamics.hpp>
 #include <rye/rig/eye_transform.hpp>
+#include <rye/rig/gaze_at.hpp>
 #include <rye/rig/influence.hpp>
 #include <rye/splat/blend.hpp>
 #include <rye/splat/footprint.hpp>
@@ -457,6 +459,34 @@ struct Eyes {
         out(e.apply(point), into_eye(e, e.apply(point)), eye_offset_cotangent(e, g));
         out(quat_product(e.quaternion, q), quat_product_vjp_right(e.quaternion, q));
         out(gaze_in_head(e.rotation, gaze), gaze_in_world(e.rotation, gaze)[0]);
+        return {in.at, out.at};
+    }
+};
+
+/// Eyes that look at a point, and how fast eyes and lids move.
+struct LivingEyes {
+    static constexpr const char* name = "living eyes";
+    static constexpr int inputs = 3 + 3 + 2 + 3 + 3 + 3 + 2, outputs = 7 + 4 + 3 + 3 + 4;
+    static constexpr double ulps = 512;
+
+    template <class S>
+    RYE_HD static Ends<S> evaluate(const S* x, S* y) {
+        Reader<S> in{x};
+        Writer<S> out{y};
+        const Vec3<S> centre = in.template vector<3>(-0.4, 0.4), aside = in.template vector<3>();
+        const GazeTarget<S> target{Vec3<S>(S(2) * aside[0], aside[1], S(4) + aside[2])};
+        const KappaAngles<S> kappa{in.number(-0.1, 0.1), in.number(-0.1, 0.1)};
+        const Vec3<S> before = in.template vector<3>(-0.6, 0.6),
+                      now = in.template vector<3>(-0.6, 0.6);
+        const HeadPlacement<S> head{{so3_exp(before), in.template vector<3>()}, constant<S>(1.1)};
+        const S amplitude = in.number(0.01, 0.5), t = in.number(-0.1, 0.3);
+        const AimedEye<S> eye = aim_eye(centre, target, kappa, constant<S>(0.5));
+        out(eye.visual, eye.optical, eye.missed);
+        const GazeTarget<S> there = target_in_head(head, target);
+        out(there.point, there.weight, target_in_range(centre, target, constant<S>(0.3)).point);
+        out(steadied_gaze(so3_exp(before), so3_exp(now), eye.visual));
+        out(saccade_peak_speed(amplitude), saccade_duration(amplitude));
+        out(saccade_travel(amplitude, t), blink_closure(t));
         return {in.at, out.at};
     }
 };

@@ -226,6 +226,7 @@ int main() {
         run_all<Influences<SquaredDistance>>(),
         run_all<Influences<EuclideanDistance>>(),
         run_all<Eyes>(),
+        run_all<LivingEyes>(),
         run_all<Encodings>(),
         run_all<Activations>(),
         run_all<SsimWindow>(),

@@ -52,7 +52,9 @@ struct DrawnScene {
         CLI::App app;
         add_redirect(app);
         std::vector<std::string> words{"redirect", "--run",   (folder.path / "run").string(),
-                                       "--out",    picture.string(), "--threads", "1"};
+                                       "--threads", "1"};
+        if (std::find(options.begin(), options.end(), "--out") == options.end())
+            words.insert(words.end(), {"--out", picture.string()});
         words.insert(words.end(), options.begin(), options.end());
         std::reverse(words.begin(), words.end());  // as CLI11 takes them
         fs::remove(picture);
@@ -91,6 +93,7 @@ TEST_CASE("redirect: files of other frames are not read, and the picture has the
     const std::vector<std::vector<std::string>> calls{
         {"--frame", "0001"},
         {"--frame", "0001", "--camera", "c2", "--gaze-left", "5,10", "--gaze-right", "-5,-10"},
+        {"--frame", "0001", "--gaze-at", "head:0.2,0.4,6"},
         {"--frame", "0001", "--effects", "gaze"},
         {"--frame", "0001", "--compare"},
         {"--frame", "0001", "--sweep"}};
@@ -164,6 +167,31 @@ TEST_CASE("redirect: what is wrong with the frame that is drawn is still told") 
     CHECK_FAULT(scene.draw({"--frame", "0000", "--camera", "c2"}),
                 "camera 'c2' has no image of frame '0000'");
     CHECK_FAULT(scene.draw({"--frame", "0003", "--gaze-left", "80,0"}), "at most 70");
+}
+
+TEST_CASE("redirect: labels of a picture, and of a video of a head that lives") {
+    const DrawnScene scene;
+    const std::string file = (scene.folder.path / "labels.jsonl").string();
+    const auto lines = [&] {
+        const std::string text = bytes_of(file);
+        return std::count(text.begin(), text.end(), '\n');
+    };
+    scene.draw({"--gaze-at", "head:0,0,6", "--labels", file});
+    CHECK(lines() == 1);
+    CHECK(bytes_of(file).find(R"("picture":"picture.png")") != std::string::npos);
+    const std::string video = (scene.folder.path / "live").string();
+    scene.draw({"--out", video, "--idle", "0.2", "--seed", "3", "--labels", file});
+    CHECK(lines() == 5);
+    CHECK(bytes_of(file).find(R"("picture":"frame_0004.png")") != std::string::npos);
+    CHECK(fs::exists(fs::path(video) / "frame_0004.png"));
+    const fs::path moving = scene.folder.path / "live.y4m";
+    const auto seeded = [&](const char* seed) {
+        scene.draw({"--out", moving.string(), "--idle", "0.2", "--seed", seed});
+        return bytes_of(moving);
+    };
+    const std::string first = seeded("3");
+    CHECK(seeded("3") == first);
+    CHECK(seeded("4") != first);
 }
 
 TEST_CASE("redirect: an older run is drawn by its capture, and asks for it when it is gone") {

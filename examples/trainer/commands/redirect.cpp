@@ -8,15 +8,19 @@
 #include <iostream>
 #include <memory>
 #include <optional>
+#include <span>
 
 #include <CLI/CLI.hpp>
 
+#include <rye/capture/atomic_file.hpp>
 #include <rye/math/rotation.hpp>
 
 #include "commands/camera_options.hpp"
 #include "commands/commands.hpp"
 #include "commands/driving.hpp"
+#include "commands/idle.hpp"
 #include "commands/options.hpp"
+#include "commands/picture_labels.hpp"
 #include "data/moving_picture.hpp"
 #include "data/panel.hpp"
 #include "data/threads.hpp"
@@ -26,11 +30,13 @@ namespace rye::trainer {
 namespace {
 
 struct RedirectOptions {
-    std::filesystem::path run, capture, out;
+    std::filesystem::path run, capture, out, labels;
     std::string frame, camera, effects, rate = "25", device = "auto";
     std::vector<double> left, right;  ///< pitch, yaw [deg]
     CameraOptions own;
     DrivingOptions driving;
+    GazeAtOptions at;
+    IdleOptions idle;
     bool sweep = false, compare = false;
     int threads = 0;
 };
@@ -156,8 +162,8 @@ struct Shot {
 };
 
 /// Returns the pictures to draw, as many as there are drivers or cameras; a single one of either is
-/// used for all.
-Shot shot_of(const RedirectOptions& o, const TrainState& state) {
+/// used for all. Prints what moves by itself to `say`.
+Shot shot_of(const RedirectOptions& o, const TrainState& state, std::ostream& say) {
     const std::filesystem::path source =
         o.compare ? capture_folder(o.run, state, o.capture, "--compare") : o.capture;
     const ShownView view = shown_view(o.run, state, source, o.frame, o.camera);
@@ -179,6 +185,11 @@ Shot shot_of(const RedirectOptions& o, const TrainState& state) {
         if (!o.right.empty()) f.drivers.gaze[1] = gaze_option(o.right, "--gaze-right");
         shot.frames.push_back(std::move(f));
     }
+    if (o.idle.given())
+        shot.frames = idle_frames(o.idle, o.at, parsed_rate(o.rate, "--fps"), state, capture,
+                                  std::move(shot.frames), say);
+    else if (o.at.given())
+        aim_frames(o.at, state, shot.frames);
     if (o.compare)
         shot.photograph = on_background(capture.image(view.frame, view.camera),
                                         capture.mask(view.frame, view.camera), 1.0f);
@@ -220,21 +231,38 @@ void write_video(const RedirectOptions& o, OutFormat format, const TrainState& s
         << " x " << frames.front().camera.height << " pixels\n";
 }
 
+/// Writes --labels of the pictures, if it is given.
+void write_labels(const RedirectOptions& o, OutFormat format, const TrainState& state,
+                  const std::vector<DrawnFrame>& frames, std::ostream& say) {
+    if (o.labels.empty()) return;
+    std::vector<std::string> names;
+    const int count = static_cast<int>(frames.size());
+    if (format == OutFormat::picture_folder)
+        for (int i = 0; i < count; ++i) names.push_back(numbered_picture(i, count));
+    else if (!moves(format))
+        names.push_back(o.out.filename().string());
+    const std::string text = text_of_labels(state, frames, names, o.at);
+    write_atomic(o.labels, std::as_bytes(std::span(text)));
+    say << o.labels.string() << ": labels of " << count << " pictures\n";
+}
+
 /// Returns the format. Throws an Error for options that exclude each other, before anything is
 /// read.
 OutFormat checked_format(const RedirectOptions& o) {
     const OutFormat format = out_format(o.out, formats, "--out");
-    const bool many = !o.driving.path.empty() || (!o.own.file.empty() && o.own.view < 0);
+    const bool many =
+        o.idle.given() || !o.driving.path.empty() || (!o.own.file.empty() && o.own.view < 0);
     require(
         !moves(format) || many, "--out", "got ", o.out.string(),
-        ", a video, but nothing moves: expected --driving, or --cameras "
+        ", a video, but nothing moves: expected --driving, --idle, or --cameras "
         "without --view, or a single picture (",
         [&] {
             return list_of({OutFormat::png, OutFormat::jpeg});
         },
         ")");
-    require(moves(format) || o.driving.path.empty(), "--out", "got ", o.out.string(),
-            ", one picture, but --driving makes a video, expected ", [&] {
+    require(moves(format) || (o.driving.path.empty() && !o.idle.given()), "--out", "got ",
+            o.out.string(), ", one picture, but ", (o.idle.given() ? "--idle" : "--driving"),
+            " makes a video, expected ", [&] {
                 return list_of({formats.begin() + 2, formats.end()});
             });
     require(format != OutFormat::y4m_stream || isatty(STDOUT_FILENO) == 0, "--out",
@@ -249,10 +277,11 @@ void redirect(const RedirectOptions& o) {
     set_threads(o.threads);
     std::ostream& say = format == OutFormat::y4m_stream ? std::cerr : std::cout;
     const TrainState state = load_trained(o.run);
-    Shot shot = shot_of(o, state);
+    Shot shot = shot_of(o, state, say);
     note_outside(state, shot.frames);
     if (moves(format)) {
         write_video(o, format, state, shot.frames, say);
+        write_labels(o, format, state, shot.frames, say);
         return;
     }
     require(
@@ -276,6 +305,7 @@ void redirect(const RedirectOptions& o) {
     say << explained;
     write_picture(o.out, format, picture);
     say << o.out.string() << "\n";
+    write_labels(o, format, state, shot.frames, say);
 }
 
 } // namespace
@@ -300,19 +330,32 @@ void add_redirect(CLI::App& app) {
     c->add_option("--gaze-left", o->left, "Subject's left eye: PITCH,YAW in degrees, head frame; "
                                           "+ is up and toward the subject's left")->delimiter(',');
     c->add_option("--gaze-right", o->right, "Subject's right eye: PITCH,YAW in degrees")->delimiter(',');
+    add_gaze_at_options(*c, o->at);
+    for (const char* gaze : {"--gaze-left", "--gaze-right"})
+        c->get_option("--gaze-at")->excludes(gaze);
     add_driving_options(*c, o->driving);
+    add_idle_options(*c, o->idle);
     c->add_option("--fps", o->rate, "Pictures a second of a video: 25, or 30000/1001")
         ->check(read_check(parsed_rate))
         ->capture_default_str();
     CLI::Option* const sweep =
         c->add_flag("--sweep", o->sweep, "A contact sheet of many gazes instead")
-            ->excludes("--driving");
+            ->excludes("--driving")
+            ->excludes("--gaze-at")
+            ->excludes("--idle");
     c->add_flag("--compare", o->compare,
                 "Put the photograph of that frame beside it; needs the capture")
         ->excludes(sweep)
         ->excludes("--driving")
+        ->excludes("--idle")
         ->excludes("--eye")
         ->excludes("--cameras");
+    c->add_option("--labels", o->labels,
+                  "File of JSON lines to write (.jsonl): of each picture both eyes' gazes, the "
+                  "target, head and camera")
+        ->check(read_check(check_labels_name))
+        ->excludes(sweep)
+        ->excludes("--compare");
     c->add_option("--effects", o->effects, "Draw by these effects, or by a variant: paper, talk, gaze "
                                            "or still (default: the fewest that the pictures call for)");
     c->add_option("--out", o->out,

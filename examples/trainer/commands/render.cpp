@@ -19,6 +19,7 @@
 
 #include "commands/camera_options.hpp"
 #include "commands/commands.hpp"
+#include "commands/gaze_at.hpp"
 #include "commands/options.hpp"
 #include "data/cameras_file.hpp"
 #include "data/memory_limit.hpp"
@@ -35,6 +36,7 @@ constexpr double viewer_near_depth = 0.2;
 struct RenderOptions {
     std::string ply, out, accuracy = "3dgs", max_error, device = "auto";
     CameraOptions own;
+    GazeAtOptions at;
     std::vector<double> background{0, 0, 0};
     double alpha_floor = 0;
     double near_depth = viewer_near_depth;
@@ -160,10 +162,12 @@ void render_run(const RenderOptions& o) {
         view.capture.frames[static_cast<std::size_t>(view.frame)].landmarks.rowwise().mean();
     const Pinhole<double> camera =
         own_cameras(own, view.capture.camera(view.frame, view.camera), middle).front();
-    const Drivers<float> drivers = frame_drivers(view.capture, view.frame, state.config.gaze_axis);
+    std::vector<DrawnFrame> frames{
+        {frame_drivers(view.capture, view.frame, state.config.gaze_axis), camera.cast<float>()}};
+    if (o.at.given()) aim_frames(o.at, state, frames);
     const AvatarDrawer drawer(state, device_wish(o.device));
     if (!drawer.words().empty()) std::printf("%s\n", drawer.words().c_str());
-    const Image<float> image = drawer.picture(drivers, camera.cast<float>());
+    const Image<float> image = drawer.picture(frames.front().drivers, frames.front().camera);
     write_picture(o.out, image);
     std::printf("%s: the head of %s, frame %s, %d x %d pixels\n", o.out.c_str(), o.ply.c_str(),
                 view.capture.frames[static_cast<std::size_t>(view.frame)].id.c_str(), image.width,
@@ -180,6 +184,8 @@ void render(const RenderOptions& o) {
     }
     require(o.device != "cuda", "--device",
             "got cuda, but a splat file is drawn on the CPU, expected the folder of a run");
+    require(!o.at.given(), "--gaze-at", "got ", o.at.target,
+            ", but a splat file has no eyes that turn, expected the folder of a run");
     Photograph view = view_of(o);
     view.camera.near_depth = o.near_depth;
     const GaussianCloud<float> cloud = read_splats<float>(o.ply, memory_limit());
@@ -212,6 +218,7 @@ void add_render(CLI::App& app) {
     add_camera_options(*c, o->own, {"needed for a splat file; of a run, default: the middle of the face",
                         "0,-1,0; of a run, as its own camera", "40; of a run, as its own camera",
                         "512x512; of a run, as its own camera"});
+    add_gaze_at_options(*c, o->at);
     vector("--background", o->background, "R,G,B in 0 to 1")->check(from_to(0.0, 1.0))
         ->capture_default_str();
     c->add_option("--accuracy", o->accuracy, "3dgs (as viewers draw), fast, balanced, tight or "

@@ -6,16 +6,17 @@
 #include <optional>
 #include <vector>
 
+#include <Eigen/Cholesky>
+
 #include <rye/math/rotation.hpp>
 #include <rye/math/srgb.hpp>
 
 namespace rye::trainer {
 namespace {
 
-/// Colour that is the product of two factors: of a point's skin and light, and of what sees it, a
-/// camera or a frame.
+/// Colour that a camera sees at a point.
 struct Sample {
-    std::size_t seer, point;
+    std::size_t camera, point;
     Vec3<double> colour; ///< logarithm of linear light
 };
 
@@ -24,6 +25,7 @@ struct SeenColour {
     int camera;
     std::size_t landmark;
     Vec3<double> colour; ///< logarithm of linear light
+    Vec3<double> out;    ///< from the head outwards, about the normal, world
 };
 
 /// Returns the mean over the 3 x 3 pixels around a point; nothing at rims of the head and in dark
@@ -65,7 +67,7 @@ std::vector<SeenColour> colours_of(const Capture& capture, int frame,
             if (out.dot(to_camera) < frontal) continue;
             const auto colour =
                 colour_at(picture, mask, camera.project_point(Vec3<double>(world.col(l))));
-            if (colour) seen.push_back({c, static_cast<std::size_t>(l), *colour});
+            if (colour) seen.push_back({c, static_cast<std::size_t>(l), *colour, out});
         }
     }
     return seen;
@@ -82,18 +84,18 @@ void add_frame(const std::vector<SeenColour>& seen, std::size_t landmarks, std::
                 all.push_back({static_cast<std::size_t>(s.camera), points + l, s.colour});
 }
 
-/// Returns the logarithms of the factors of cameras or frames, 3 x seers, of mean 0, by robust
-/// least squares alternating between points and these.
-Columns<double> log_gains(const std::vector<Sample>& all, std::size_t points, Index seers) {
+/// Returns the logarithms of gains, 3 x cameras, of mean 0, by robust least squares alternating
+/// between points and cameras.
+Columns<double> log_gains(const std::vector<Sample>& all, std::size_t points, Index cameras) {
     constexpr int rounds = 60;
     constexpr double spread2 = 0.08 * 0.08; // variance of shine
-    Columns<double> gain = Columns<double>::Zero(3, seers);
+    Columns<double> gain = Columns<double>::Zero(3, cameras);
     Columns<double> point = Columns<double>::Zero(3, static_cast<Index>(points));
     for (int round = 0; round < rounds; ++round) {
         const auto step = [&](Columns<double>& of, const Columns<double>& other, bool of_points) {
             Columns<double> sum = Columns<double>::Zero(3, of.cols()), weights = sum;
             for (const Sample& s : all) {
-                const auto p = static_cast<Index>(s.point), c = static_cast<Index>(s.seer);
+                const auto p = static_cast<Index>(s.point), c = static_cast<Index>(s.camera);
                 const Index mine = of_points ? p : c, others = of_points ? c : p;
                 for (Index k = 0; k < 3; ++k) {
                     const double rest = s.colour[k] - other(k, others), off = rest - of(k, mine);
@@ -112,7 +114,7 @@ Columns<double> log_gains(const std::vector<Sample>& all, std::size_t points, In
 }
 
 /// Returns the root mean square of logarithms [percent].
-double percent(const Columns<double>& logs) {
+double percent(const Eigen::Ref<const Eigen::MatrixXd>& logs) {
     return logs.size() == 0
                ? 0
                : 100 * std::sqrt(logs.squaredNorm() / static_cast<double>(logs.size()));
@@ -141,27 +143,89 @@ LabelFinding correct_cameras_colours(Capture& capture, const Vec3<double>& head_
     return found;
 }
 
+/// Brightness of a landmark in a camera and a frame, by skin, exposure and the light on it.
+struct Lit {
+    std::size_t frame, point;
+    double brightness; ///< logarithm of linear light, mean of the channels
+    Vec<double, 8> light;
+};
+/// Returns functions of a normal in which a diffuse surface's light is nearly linear, without the
+/// constant: harmonics of degrees 1 and 2 (Ramamoorthi and Hanrahan, 2001).
+Vec<double, 8> light_functions(const Vec3<double>& n) {
+    Vec<double, 8> f;
+    f << n.x(), n.y(), n.z(), n.x() * n.y(), n.y() * n.z(), n.x() * n.z(),
+        n.x() * n.x() - n.y() * n.y(), 3 * n.z() * n.z() - 1;
+    return f;
+}
+
+/// Returns the logarithms of exposures, of mean 0, by robust least squares alternating between
+/// points, exposures, and lights that stay where they are while the head turns.
+VecX<double> log_exposures(const std::vector<Lit>& all, std::size_t points, Index frames) {
+    constexpr int rounds = 100;
+    constexpr double spread2 = 0.05 * 0.05; // variance of shine
+    VecX<double> point = VecX<double>::Zero(static_cast<Index>(points));
+    VecX<double> exposure = VecX<double>::Zero(frames);
+    Vec<double, 8> light = Vec<double, 8>::Zero();
+    for (int round = 0; round < rounds; ++round) {
+        VecX<double> point_sum = VecX<double>::Zero(point.size()), point_weight = point_sum;
+        for (const Lit& s : all) {
+            const auto p = static_cast<Index>(s.point), f = static_cast<Index>(s.frame);
+            const double rest = s.brightness - exposure[f] - light.dot(s.light);
+            const double off = rest - point[p];
+            const double w = round == 0 ? 1 : 1 / (1 + off * off / spread2);
+            point_sum[p] += w * rest;
+            point_weight[p] += w;
+        }
+        point = (point_weight.array() > 0)
+                    .select(point_sum.array() / point_weight.array().max(1e-12), point);
+        // Exposures and lights at once.
+        const Index n = frames + 8;
+        Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(8, 8);
+        Eigen::MatrixXd both = Eigen::MatrixXd::Zero(frames, 8);
+        VecX<double> weight = VecX<double>::Constant(frames, 1e-9), right = VecX<double>::Zero(n);
+        normal.diagonal().setConstant(1e-9);
+        for (const Lit& s : all) {
+            const auto p = static_cast<Index>(s.point), f = static_cast<Index>(s.frame);
+            const double rest = s.brightness - point[p];
+            const double off = rest - exposure[f] - light.dot(s.light);
+            const double w = round == 0 ? 1 : 1 / (1 + off * off / spread2);
+            weight[f] += w;
+            right[f] += w * rest;
+            right.tail(8) += w * rest * s.light;
+            both.row(f) += w * s.light.transpose();
+            normal += w * s.light * s.light.transpose();
+        }
+        const Eigen::MatrixXd per_frame = weight.cwiseInverse().asDiagonal() * both;
+        light = (normal - both.transpose() * per_frame)
+                    .ldlt()
+                    .solve(right.tail(8) - per_frame.transpose() * right.head(frames));
+        exposure = right.head(frames).cwiseQuotient(weight) - per_frame * light;
+        exposure.array() -= exposure.mean();
+    }
+    return exposure;
+}
+
 LabelFinding correct_exposures(Capture& capture, const Vec3<double>& head_centre) {
-    LabelFinding found{"exposures of frames", 0, 6, "%", false,
+    LabelFinding found{"exposures of frames", 0, 8, "%", false,
                        "they are taken out of the pictures"};
     constexpr int most_cameras = 4;
     const int stride = 1 + (capture.camera_count() - 1) / most_cameras;
-    std::vector<Sample> all;
+    std::vector<Lit> all;
     // The same landmark in another camera is another point: its shine differs.
     const auto cameras = static_cast<std::size_t>(capture.camera_count());
     std::size_t points = 0;
     for (int f = 0; f < capture.frame_count(); ++f)
         for (const SeenColour& s : colours_of(capture, f, head_centre, stride)) {
             const std::size_t point = s.landmark * cameras + static_cast<std::size_t>(s.camera);
-            all.push_back({static_cast<std::size_t>(f), point, s.colour});
+            all.push_back({static_cast<std::size_t>(f), point, s.colour.mean(),
+                           light_functions(s.out)});
             points = std::max(points, point + 1);
         }
-    const Columns<double> of =
-        log_gains(all, points, capture.frame_count()).colwise().mean(); // alike in all channels
+    const VecX<double> of = log_exposures(all, points, capture.frame_count());
     found.off = percent(of);
     found.wrong = found.off > found.bound;
     if (found.wrong)
-        for (Index f = 0; f < of.cols(); ++f) capture.frame_exposures.push_back(std::exp(of(0, f)));
+        for (Index f = 0; f < of.size(); ++f) capture.frame_exposures.push_back(std::exp(of[f]));
     return found;
 }
 

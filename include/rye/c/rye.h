@@ -216,6 +216,13 @@ RYE_API rye_status rye_avatar_describe(const rye_avatar* avatar, rye_avatar_info
 RYE_API rye_status rye_avatar_neutral(const rye_avatar* avatar, rye_drivers* drivers,
                                       rye_camera* camera);
 
+/* Sets drivers->gaze so that both eyes look at a point of the world, by the axes that they are of;
+ * the other drivers stay, and say where the eyes are. An eye stops `range` rad from straight ahead,
+ * above 0 to 1.22. `missed` is null, or receives the angle [rad] by which the left and the right
+ * eye look beside the point: 0 within their range. A point inside an eye is an error. */
+RYE_API rye_status rye_avatar_gaze_at(rye_avatar* avatar, rye_drivers* drivers,
+                                      const float point[3], float range, float* missed);
+
 /* Draws over `background`, `channels` numbers, or over that of training if it is null. Nothing that
  * the drivers, the camera and the background leave as it was is computed again. */
 RYE_API rye_status rye_avatar_draw(rye_avatar* avatar, const rye_drivers* drivers,
