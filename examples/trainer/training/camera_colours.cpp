@@ -14,6 +14,8 @@
 namespace rye::trainer {
 namespace {
 
+constexpr int most_exposures = 1200; // frames whose exposures are judged
+
 /// Colour that a camera sees at a point.
 struct Sample {
     std::size_t camera, point;
@@ -208,7 +210,9 @@ VecX<double> log_exposures(const std::vector<Lit>& all, std::size_t points, Inde
 LabelFinding correct_exposures(Capture& capture, const Vec3<double>& head_centre) {
     LabelFinding found{"exposures of frames", 0, 8, "%", false,
                        "they are taken out of the pictures"};
-    constexpr int most_cameras = 4;
+    // Four cameras, or fewer so that about as many pictures are read of many frames.
+    const int most_cameras =
+        std::clamp(most_exposures / std::max(capture.frame_count(), 1), 1, 4);
     const int stride = 1 + (capture.camera_count() - 1) / most_cameras;
     std::vector<Lit> all;
     // The same landmark in another camera is another point: its shine differs.
@@ -235,7 +239,8 @@ std::vector<LabelFinding> correct_colours(Capture& capture, const TrainConfig& c
     const Vec3<double> head_centre = describe_subject(capture, config).head_centre;
     std::vector<LabelFinding> found;
     found.push_back(correct_cameras_colours(capture, head_centre));
-    found.push_back(correct_exposures(capture, head_centre));
+    if (capture.frame_count() <= most_exposures)
+        found.push_back(correct_exposures(capture, head_centre));
     return found;
 }
 

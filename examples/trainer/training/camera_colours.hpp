@@ -20,7 +20,8 @@ namespace rye::trainer {
 /// Then finds each frame's exposure, a factor of the light alike in all channels and cameras, whose
 /// product over all frames, for training and test, is 1: the colour at a landmark in a camera is a
 /// product of skin, exposure, and a light that stays where it is while the head turns. Wrong ones
-/// are removed in the same way. Heads of one exposure seem 2 to 5 % apart.
+/// are removed in the same way. Heads of one exposure seem 2 to 5 % apart. Captures of
+/// more than 1200 frames are not judged, since all of their pictures would be read.
 std::vector<LabelFinding> correct_colours(Capture& capture, const TrainConfig& config);
 
 } // namespace rye::trainer
