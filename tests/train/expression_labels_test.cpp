@@ -26,13 +26,12 @@ struct Normal {
     }
 };
 
-/// A head with shapes that move a disc of it each; a gaze moves the first disc, too.
+/// A head with shapes that move a disc of it each.
 struct Head {
     static constexpr Index landmarks = 600, shapes = 9, frames = 16;
     Columns<double> rest{3, landmarks};
     Columns<double> moves{shapes, 3 * landmarks};
-    Columns<double> expression{shapes, frames}, gaze{2, frames};
-    std::vector<Index> lids;
+    Columns<double> expression{shapes, frames};
 
     Head() {
         const Random random{5, 0};
@@ -49,21 +48,16 @@ struct Head {
                 moves.row(e).segment<3>(3 * l) =
                     std::exp(-away * away / 0.08) * directions.col(e).transpose();
             }
-        for (Index l = 0; l < landmarks; ++l)
-            if (moves.row(0).segment<3>(3 * l).norm() > 1e-3) lids.push_back(l);
         expression = normal.columns(shapes, frames, 0.3).cwiseAbs();
-        gaze = normal.columns(2, frames, 0.2);
     }
     /// Landmarks of the frames, each in the frame of a wrong head pose, with noise.
     std::vector<Columns<double>> seen(const std::vector<RigidMotion>& pose_error,
-                                      double noise, double by_gaze) const {
+                                      double noise) const {
         Normal normal{{9, 0}};
         std::vector<Columns<double>> all;
         for (Index f = 0; f < frames; ++f) {
             Columns<double> at = rest;
             at.reshaped() += moves.transpose() * expression.col(f);
-            for (const Index l : lids)
-                at.col(l) += by_gaze * gaze(0, f) * moves.row(0).segment<3>(3 * l).transpose();
             all.push_back(pose_error[static_cast<std::size_t>(f)](at) +
                           normal.columns(3, landmarks, noise));
         }
@@ -110,7 +104,7 @@ Columns<double> label_errors(double size) {
 TEST_CASE("expressions: errors of coefficients and head poses are found together") {
     const Head head;
     const auto poses = pose_errors(0.6 * degree, 0.01);
-    const auto frames = head.seen(poses, 0.015, 0);
+    const auto frames = head.seen(poses, 0.015);
     const Columns<double> labels = head.expression + label_errors(0.2);
     const AlignedExpressions a = align_expressions(frames, head.moves, labels);
     const double before = rms(labels - head.expression),
@@ -132,40 +126,23 @@ TEST_CASE("expressions: right labels stay, and shapes that move nothing tell not
     head.moves.row(3).setZero();
     const auto poses = pose_errors(0.6 * degree, 0.01);
     Columns<double> labels = head.expression;
-    const AlignedExpressions right = align_expressions(head.seen(poses, 0, 0), head.moves, labels);
+    const AlignedExpressions right = align_expressions(head.seen(poses, 0), head.moves, labels);
     CHECK(rms(right.coefficients - labels) < 1e-3);
     CHECK(right.moved < 1e-4);
     CHECK(turn_left(right.motion, poses) < 1e-3);
     labels += label_errors(0.2);
-    const AlignedExpressions a = align_expressions(head.seen(poses, 0.015, 0), head.moves, labels);
+    const AlignedExpressions a = align_expressions(head.seen(poses, 0.015), head.moves, labels);
     CHECK((a.coefficients - labels).row(3).norm() == 0);
     CHECK((a.coefficients - labels).row(4).norm() > 0.3);
 }
 
-TEST_CASE("expressions: what a gaze moves is no error of an expression") {
-    const Head head;
-    REQUIRE(head.lids.size() > 20);
-    REQUIRE(head.lids.size() < 400);
-    const auto poses = pose_errors(0.6 * degree, 0.01);
-    const auto frames = head.seen(poses, 0.002, 0.8);
-    const AlignedExpressions with =
-        align_expressions(frames, head.moves, head.expression, head.gaze, head.lids);
-    const AlignedExpressions without = align_expressions(frames, head.moves, head.expression);
-    CAPTURE(with.moved);
-    CAPTURE(without.moved);
-    CHECK(with.moved < 4e-4);
-    CHECK(without.moved > 4 * with.moved);
-}
-
 TEST_CASE("expressions: arrays that do not fit, few frames, and the same bits") {
     const Head head;
-    const auto frames = head.seen(pose_errors(0.6 * degree, 0.01), 0.015, 0);
+    const auto frames = head.seen(pose_errors(0.6 * degree, 0.01), 0.015);
     CHECK_FAULT(align_expressions(frames, head.moves, head.expression.leftCols(3)),
                 "align_expressions: labels: got 9 x 3, expected 9 x 16");
     CHECK_FAULT(align_expressions(frames, head.moves.leftCols(9), head.expression),
                 "align_expressions: shapes: got 9 columns");
-    CHECK_FAULT(align_expressions(frames, head.moves, head.expression, head.gaze.leftCols(2)),
-                "align_expressions: others: got 2 frames, expected 16");
     const std::vector<Columns<double>> two(frames.begin(), frames.begin() + 2);
     const AlignedExpressions kept =
         align_expressions(two, head.moves, head.expression.leftCols(2));

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/cameras.hpp: detection and correction, before a training, of cameras whose pose or
 /// focal length is wrong, by the eyes in their pictures, which are not at the position that labels
-/// and camera give. Cameras that are right to within the bound keep their bits. The result is the
+/// and camera give, and by the skin, which is not where other cameras show it. Cameras that are right to within the bound keep their bits. The result is the
 /// position of the head in a camera's pictures: a rotation and a shift with the same effect share
-/// it. Source: training/camera_fit.hpp; docs/refine.md.
+/// it. Source: training/camera_fit.hpp, training/skin_positions.hpp;
+/// docs/refine.md.
 #pragma once
 
 #include <string>
@@ -23,7 +24,8 @@ struct CameraFinding {
     double off = 0;       ///< displacement of the head's landmarks, RMS over frames [mm]
     double pixels = 0;    ///< displacement in its pictures [px]
     bool wrong = false;   ///< true above the bound: corrected
-    double before = 0;    ///< median distance of irises from their expected positions [px]
+    bool by_skin = false; ///< true if too few irises are seen, and the skin is compared alone
+    double before = 0;    ///< median distance of irises or skin from where they should be [px]
     double after = 0;     ///< the same for the corrected camera [px]
     double turn = 0;      ///< rotation of the correction [deg]
     double shift = 0;     ///< motion of its centre by the correction [mm]

@@ -76,15 +76,23 @@ class Corrector {
         constexpr std::size_t most = 200'000;
         const std::size_t vertices = static_cast<std::size_t>(frame(0).vertices.cols());
         const auto stride = static_cast<Index>(1 + vertices * count() / most);
-        const Columns<double> shapes = expression_shapes(c_, stride);
+        const auto points_of = [&](std::size_t i) {
+            return to_canonical(
+                frame(i), chosen_landmarks(frame(i).landmarks, frame(i).vertices, stride));
+        };
+        const std::vector<Index> told = away_from_eyes(points_of(0));
         std::vector<Columns<double>> points;
-        for (std::size_t i = 0; i < count(); ++i)
-            points.push_back(to_canonical(
-                frame(i), chosen_landmarks(frame(i).landmarks, frame(i).vertices, stride)));
-        const Columns<double> x = regressors(c_);
+        for (std::size_t i = 0; i < count(); ++i) {
+            const Columns<double> all = points_of(i);
+            points.push_back(all(Eigen::all, told));
+        }
+        const Columns<double> all = expression_shapes(c_, stride);
+        Columns<double> shapes(all.rows(), 3 * static_cast<Index>(told.size()));
+        for (std::size_t l = 0; l < told.size(); ++l)
+            shapes.middleCols<3>(3 * static_cast<Index>(l)) = all.middleCols<3>(3 * told[l]);
         const auto width = static_cast<Index>(c_.expression_width());
-        const AlignedExpressions a = align_expressions(points, shapes, x.topRows(width),
-                                                       x.bottomRows(4), around_eyes(points[0]));
+        const AlignedExpressions a =
+            align_expressions(points, shapes, regressors(c_).topRows(width));
         const double moved = mm_per_unit * a.moved;
         found_.all.push_back({"expressions, a landmark", moved, 0.1, "mm", moved > 0.1,
                               "fitted to the landmarks by the face model's shapes"});
@@ -95,16 +103,16 @@ class Corrector {
                     static_cast<float>(a.coefficients(e, static_cast<Index>(i)));
         return a.motion;
     }
-    /// Returns the landmarks that gazes may move: lids, and what is about as near to an eye.
-    static std::vector<Index> around_eyes(const Columns<double>& points) {
+    /// Returns the landmarks that no gaze moves: gazes move lids, and may be wrong themselves.
+    static std::vector<Index> away_from_eyes(const Columns<double>& points) {
         const Vec3<double> right = detail::eye_landmark_centre(points, 0),
                            left = detail::eye_landmark_centre(points, 1);
-        const double far = 0.55 * (left - right).norm();
-        std::vector<Index> near;
+        const double near = 0.55 * (left - right).norm();
+        std::vector<Index> away;
         for (Index l = 0; l < points.cols(); ++l)
-            if (std::min((points.col(l) - right).norm(), (points.col(l) - left).norm()) < far)
-                near.push_back(l);
-        return near;
+            if (std::min((points.col(l) - right).norm(), (points.col(l) - left).norm()) >= near)
+                away.push_back(l);
+        return away;
     }
 
     /// Returns the frames' motions without a face model.

@@ -20,57 +20,6 @@
 
 namespace rye {
 
-namespace detail {
-
-/// What landmarks have in common over frames: their mean, and linear motion by other drivers.
-class OtherMotion {
-  public:
-    /// others: K x F, or empty; reached: landmarks that they move.
-    OtherMotion(const Columns<double>& others, std::vector<Index> reached, Index frames)
-        : reached_(std::move(reached)), frames_(frames) {
-        Eigen::MatrixXd x(frames, 1 + others.rows());
-        x.col(0).setOnes();
-        if (others.rows() > 0)
-            x.rightCols(others.rows()) = (others.colwise() - others.rowwise().mean()).transpose();
-        const Eigen::MatrixXd square = x.transpose() * x;
-        Eigen::MatrixXd ridged = square;
-        ridged.diagonal().array() += 1e-9 * square.trace();
-        fit_ = x * ridged.ldlt().solve(Eigen::MatrixXd(x.transpose()));
-        freedom_ = std::max(1.0, static_cast<double>(frames) - fit_.trace());
-    }
-    /// Leaves the residuals of F frames, 3 x L each.
-    void remove(std::vector<Columns<double>>& of) const {
-        Columns<double> mean = Columns<double>::Zero(3, of.front().cols());
-        for (const Columns<double>& f : of) mean += f / static_cast<double>(frames_);
-        for (Columns<double>& f : of) f -= mean;
-        Columns<double> moved(3, frames_);
-        for (const Index l : reached_) {
-            for (Index f = 0; f < frames_; ++f)
-                moved.col(f) = of[static_cast<std::size_t>(f)].col(l);
-            moved -= (moved * fit_.transpose()).eval();
-            for (Index f = 0; f < frames_; ++f)
-                of[static_cast<std::size_t>(f)].col(l) = moved.col(f);
-        }
-    }
-    /// Returns the variances of coordinates of landmarks, from residuals.
-    VecX<double> variances(const std::vector<Columns<double>>& of) const {
-        VecX<double> sum = VecX<double>::Zero(of.front().cols());
-        for (const Columns<double>& f : of) sum += f.colwise().squaredNorm().transpose();
-        VecX<double> freedom =
-            VecX<double>::Constant(sum.size(), 3 * static_cast<double>(frames_ - 1));
-        for (const Index l : reached_) freedom[l] = 3 * freedom_;
-        return sum.cwiseQuotient(freedom);
-    }
-
-  private:
-    std::vector<Index> reached_;
-    Index frames_;
-    Eigen::MatrixXd fit_; ///< F x F: predictions by all frames
-    double freedom_;      ///< frames that are left
-};
-
-} // namespace detail
-
 /// Expression coefficients that agree with the landmarks.
 struct AlignedExpressions {
     Columns<double> coefficients;    ///< E x F
@@ -91,18 +40,15 @@ struct ExpressionSettings {
 
 /// Returns the coefficients and rigid motions by which the landmarks of all frames, 3 x L in the
 /// frame of their head pose, are one head at rest and its displacements. shapes: E x 3 L, the
-/// displacement (e, 3 l + axis) by a coefficient of 1; labels: E x F; others: K x F, further
-/// drivers such as gazes, which move the landmarks `reached` linearly, in an unknown way; or both
-/// empty. What the model's shapes cannot tell apart keeps its labels. Errors of coefficients have
-/// mean 0 over frames, since a mean error is that of the head at rest, and motions have the
-/// identity as their mean. A landmark is weighted by how well all frames predict it, and the size
-/// of errors is estimated. Throws an Error for arrays that do not fit the frames; fewer than three
-/// frames keep their labels.
+/// displacement (e, 3 l + axis) by a coefficient of 1; labels: E x F. Landmarks that something else
+/// moves, such as lids, should not be among them. What the shapes cannot tell apart keeps its
+/// labels. Errors of coefficients have mean 0 over frames, since a mean error is that of the head
+/// at rest, and motions have the identity as their mean. A landmark is weighted by how well all
+/// frames predict it, and the size of errors is estimated. Throws an Error for arrays that do not
+/// fit the frames; fewer than three frames keep their labels.
 inline AlignedExpressions align_expressions(const std::vector<Columns<double>>& frames,
                                             const Columns<double>& shapes,
                                             const Columns<double>& labels,
-                                            const Columns<double>& others = {},
-                                            const std::vector<Index>& reached = {},
                                             const ExpressionSettings& settings = {}) {
     const auto n = static_cast<Index>(frames.size());
     const Index e = shapes.rows(), landmarks = n > 0 ? frames.front().cols() : 0;
@@ -112,9 +58,6 @@ inline AlignedExpressions align_expressions(const std::vector<Columns<double>>& 
             shapes.cols(), " columns, expected 3 for each of ", landmarks, " landmarks");
     AlignedExpressions a{labels, std::vector<RigidMotion>(frames.size()), 0, 0, 0};
     if (n < 3 || e == 0) return a;
-    require(others.size() == 0 || others.cols() == n, "align_expressions: others", "got ",
-            others.cols(), " frames, expected ", n);
-    const detail::OtherMotion moved_by(others, reached, n);
     Columns<double> change = Columns<double>::Zero(e, n);
     double off2 = settings.off * settings.off;
     const double turn2 = settings.turn * settings.turn, shift2 = settings.shift * settings.shift;
@@ -123,12 +66,14 @@ inline AlignedExpressions align_expressions(const std::vector<Columns<double>>& 
         VecX<double>::Constant(landmarks, settings.noise * settings.noise);
     std::vector<Columns<double>> rest(frames.size());
     const auto remove_expressions = [&] {
+        Columns<double> mean = Columns<double>::Zero(3, landmarks);
         for (Index f = 0; f < n; ++f) {
             const auto at = static_cast<std::size_t>(f);
             rest[at] = a.motion[at](frames[at]);
             rest[at].reshaped() -= shapes.transpose() * (labels.col(f) + change.col(f));
+            mean += rest[at] / static_cast<double>(n);
         }
-        moved_by.remove(rest);
+        for (Columns<double>& r : rest) r -= mean;
     };
     for (int round = 0; round < settings.rounds; ++round) {
         remove_expressions();
@@ -184,10 +129,12 @@ inline AlignedExpressions align_expressions(const std::vector<Columns<double>>& 
         for (RigidMotion& m : a.motion) m = back * m;
         off2 = std::max(next_off2, 1e-10);
         remove_expressions();
-        const VecX<double> sum = moved_by.variances(rest);
+        VecX<double> squares = VecX<double>::Zero(landmarks);
+        for (const Columns<double>& r : rest)
+            squares += r.colwise().squaredNorm().transpose() / (3 * static_cast<double>(n - 1));
         // A landmark that seems exact by chance must not decide alone.
-        const double all = sum.mean();
-        noise2 = sum.array().max(0.1 * all).max(1e-6 * settings.noise * settings.noise);
+        const double all = squares.mean();
+        noise2 = squares.array().max(0.1 * all).max(1e-6 * settings.noise * settings.noise);
     }
     a.coefficients += change;
     a.moved = (shapes.transpose() * change).norm() /

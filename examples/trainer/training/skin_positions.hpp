@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+/// training/skin_positions.hpp: where cameras show the skin, by comparing their pictures of the same
+/// frames at the points of the labels: the picture of a camera whose numbers are wrong is displaced
+/// everywhere in nearly the same way. Source: Lucas and Kanade, 1981, with the displacement an
+/// affine function of the position and a gain (Shi and Tomasi, 1994).
+#pragma once
+
+#include <vector>
+
+#include "data/capture.hpp"
+#include "training/camera_fit.hpp"
+
+namespace rye::trainer {
+
+/// Pictures of some frames by some cameras, for comparisons at points of the skin.
+class SkinPositions {
+  public:
+    /// frames, cameras: indices in the capture; head_centre: in the head's frame. Reads all their
+    /// pictures; those above 512 pixels are made smaller.
+    SkinPositions(const Capture& capture, const std::vector<int>& frames,
+                  const std::vector<std::size_t>& cameras, const Vec3<double>& head_centre);
+
+    /// Returns where the cameras, as many and in the order of the constructor's, show some landmarks
+    /// of the frames; nothing for a camera that shares too little with at least two others, or has
+    /// fewer than six frames. The points have the indices of landmarks().
+    std::vector<SeenPoint> seen(const std::vector<Pinhole<double>>& cameras) const;
+    /// Returns these landmarks of all frames, 3 x n, world.
+    const Columns<double>& landmarks() const { return landmarks_; }
+
+  private:
+    struct Picture {
+        int width = 0, height = 0;
+        std::vector<float> grey; ///< blurred; negative outside the head
+    };
+    /// A point's grey value in a camera.
+    struct Sample {
+        std::size_t camera, point;
+        Vec2<double> at, slope; ///< full-size pixels, and the derivative by these
+        double grey;
+    };
+    std::vector<Sample> samples(const std::vector<Pinhole<double>>& cameras) const;
+
+    double scale_ = 1;                ///< of the pictures, relative to full size
+    std::vector<Picture> pictures_;   ///< frames x cameras
+    std::vector<Columns<double>> points_, outwards_; ///< 3 x P of each frame, world
+    Columns<double> landmarks_;
+    Vec2<double> middle_;             ///< of a picture [px]
+};
+
+} // namespace rye::trainer
