@@ -34,8 +34,8 @@ struct ExpressionSettings {
     int rounds = 12;      ///< rounds of relinearised least squares
     double off = 0.03;    ///< initial standard deviation of a coefficient's error
     double noise = 0.01;  ///< initial standard deviation of a landmark's coordinate [unit]
-    double turn = 0.02;   ///< standard deviation of a frame's rotation [rad]
-    double shift = 0.02;  ///< standard deviation of its shift [unit]
+    double turn = 0.2;   ///< standard deviation of a frame's rotation [rad]
+    double shift = 0.2;  ///< standard deviation of its shift [unit]
 };
 
 /// Returns the coefficients and rigid motions by which the landmarks of all frames, 3 x L in the
