@@ -250,8 +250,9 @@ add_subdirectory(fuzz)
 # ---- the longest first, so that two jobs end together on a machine that has not run them yet ------
 get_property(rye_tests DIRECTORY PROPERTY TESTS)
 set(cost 100)
-foreach(name device_programs device_kernels zero_cost_clang zero_cost_own_compiler headers_alone
-             consumer_find_package packages test_widths test_evaluate test_learning device_formulas)
+foreach(name device_programs device_kernels headers_alone train_on_device zero_cost_clang
+             zero_cost_own_compiler compare pipeline consumer_find_package packages test_widths
+             test_evaluate test_learning crash_safety density device_formulas)
   if(name IN_LIST rye_tests)
     set_tests_properties(${name} PROPERTIES COST ${cost})
   endif()
