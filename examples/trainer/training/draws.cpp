@@ -103,7 +103,7 @@ SampleDraw SampleDraws::operator()(Index step) const {
         const Pinhole<double>& camera = capture_->camera(d.frame, d.camera);
         const int factor = 1 << g.upsampler.doublings;
         const Pinhole<float> small = reduced(camera.cast<float>(), factor);
-        d.scale = detail::random_resizing(small.width, small.height, random_.fork(8).fork(key));
+        d.scale = rye::detail::random_resizing(small.width, small.height, random_.fork(8).fork(key));
     }
     const Random color = random_.fork(7).fork(key);
     d.blank.resize(config_->avatar.channels);
@@ -119,7 +119,8 @@ AvatarSample<float> sample_of(const Capture& capture, const TrainConfig& config,
     s.eyes_high = draw.eyes_high;
     if (draw.scaled) {
         const int factor = 1 << config.gaussians.upsampler.doublings;
-        s.scale = {detail::resized_map(draw.scale), detail::resized_map(draw.scale * factor)};
+        s.scale = {rye::detail::resized_map(draw.scale),
+                   rye::detail::resized_map(draw.scale * factor)};
     }
     s.blank = draw.blank;
     return s;

@@ -39,7 +39,7 @@ struct SampleDraw {
     int frame = 0, camera = 0; ///< of the capture
     bool eyes_high = true;     ///< true if the step takes the high-resolution eye term
     bool scaled = false;       ///< true if the final image's super-resolution is resized
-    detail::Resizing scale{};  ///< of the feature render, if `scaled`
+    rye::detail::Resizing scale{};  ///< of the feature render, if `scaled`
     VecX<float> blank;         ///< background of the face alone, one number per channel
     double rate = 1;           ///< factor of the learning rates
 };

@@ -104,8 +104,8 @@ class Corrector {
     }
     /// Returns the landmarks that no gaze moves: gazes move lids, and may be wrong themselves.
     static std::vector<Index> away_from_eyes(const Columns<double>& points) {
-        const Vec3<double> right = detail::eye_landmark_centre(points, 0),
-                           left = detail::eye_landmark_centre(points, 1);
+        const Vec3<double> right = rye::detail::eye_landmark_centre(points, 0),
+                           left = rye::detail::eye_landmark_centre(points, 1);
         const double near = 0.55 * (left - right).norm();
         std::vector<Index> away;
         for (Index l = 0; l < points.cols(); ++l)

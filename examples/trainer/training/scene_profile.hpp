@@ -27,7 +27,7 @@
 namespace rye::trainer {
 
 /// Range of some numbers over frames; the widest of several that are added together.
-struct Spread {
+struct Ranges {
     std::vector<double> low, high;
 
     template <class Numbers>
@@ -71,10 +71,10 @@ struct EyeFacts {
 /// Facts about the drivers of a capture's frames.
 struct DriverFacts {
     Index frames = 0;
-    Spread expression, pose, scale;
+    Ranges expression, pose, scale;
     double identity = 0;         ///< largest change by a pose: |pose|, |scale - 1|
     std::array<EyeFacts, 2> eyes;
-    std::array<Spread, 2> gaze;  ///< (pitch, yaw) [rad]
+    std::array<Ranges, 2> gaze;  ///< (pitch, yaw) [rad]
     /// Direction of eyes that do not turn: straight ahead, or as an avatar is held.
     std::array<Vec3<double>, 2> rest{Vec3<double>::UnitZ(), Vec3<double>::UnitZ()};
     double kappa = 0;            ///< largest angle yet to be added to a gaze [rad]
