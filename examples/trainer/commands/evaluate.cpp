@@ -22,6 +22,7 @@
 #include "training/camera_colours.hpp"
 #include "training/centre_errors.hpp"
 #include "training/evaluation.hpp"
+#include "training/head_alignment.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -31,7 +32,7 @@ using Json = nlohmann::ordered_json;
 struct EvaluateOptions {
     std::filesystem::path run, capture, out, perceptual_weights;
     std::string split = "test", device = "auto";
-    bool json = false;
+    bool json = false, align_head = false;
     int threads = 0;
 };
 
@@ -143,6 +144,17 @@ Json corrected_json(const Capture& capture) {
     return names;
 }
 
+/// Takes the head frame of the run for all frames of the capture; returns its record.
+Json align_head(const EvaluateOptions& o, Capture& capture, const std::vector<int>& frames) {
+    const HeadAlignment a = head_alignment(load_checkpoint(o.run), capture, frames);
+    take_head_frame(capture, a.capture_from_run);
+    if (!o.json)
+        std::printf("head frame of the run: %.2f deg and %.2f mm from the capture's; taken out, its "
+                    "landmarks are %.2f mm\noff (rms), %.2f mm before; 1 unit taken as 100 mm\n",
+                    a.degrees(), a.mm(), a.after_mm, a.before_mm);
+    return a.json();
+}
+
 void evaluate(const EvaluateOptions& o) {
     set_threads(o.threads);
     const TrainState state = load_trained(o.run);
@@ -160,6 +172,7 @@ void evaluate(const EvaluateOptions& o) {
     if (o.split == "novel") frames = capture.novel_gaze;
     if (o.split == "independent") frames = capture.independent_gaze;
     require(!frames.empty(), capture.folder.string(), "split '", o.split, "' has no frames");
+    const Json alignment = o.align_head ? align_head(o, capture, frames) : Json();
     const std::filesystem::path out = o.out.empty() ? o.run : o.out;
     const std::filesystem::path pictures = out / ("evaluate_" + o.split);
     std::filesystem::create_directories(pictures);
@@ -212,6 +225,7 @@ void evaluate(const EvaluateOptions& o) {
                     {"camera_gains", gains_json(capture)},
                     {"frame_exposures", exposures_json(capture)},
                     {"corrected_cameras", corrected_json(capture)},
+                    {"head_alignment", alignment},
                     {"all", all.json()}};
     for (const auto& [name, r] : groups) results[name] = r.json();
     const CentreErrors centres = centre_errors(state, capture, frames);
@@ -251,6 +265,9 @@ void add_evaluate(CLI::App& app) {
         ->capture_default_str();
     c->add_flag("--json", o->json,
                 "Print the results as JSON (as in results.json) instead of tables");
+    c->add_flag("--align-head", o->align_head,
+                "Draw in the head frame of the run: take out what all its head poses are off by, "
+                "by the landmarks of the measured frames");
     c->add_option(
         "--perceptual-weights", o->perceptual_weights,
         "VGG16 + LPIPS weights for the LPIPS column, a safetensors file as for `rye train`");
