@@ -82,12 +82,12 @@ endif()
 # ---- more of the program as a user runs it ------------------------------------------------------
 if(TARGET rye_program)
   add_executable(bit_flips programs/bit_flips.cpp)
-  target_link_libraries(bit_flips PRIVATE rye_trainer rye_test_flags)
+  target_link_libraries(bit_flips PRIVATE rye_test_tiny rye_test_flags)
   add_test(NAME bit_flips COMMAND bit_flips)  # bit_flips 300: as many in each file
   set_tests_properties(bit_flips PROPERTIES TIMEOUT 300)
   rye_check(two_trainings programs/two_trainings.sh $<TARGET_FILE:rye_program>
             ${CMAKE_CURRENT_BINARY_DIR}/two_trainings)
-  set_tests_properties(two_trainings PROPERTIES PROCESSORS 2 TIMEOUT 600)
+  set_tests_properties(two_trainings PROPERTIES TIMEOUT 1200)
   # The program with an emulated device in the place of none: kernels of stage 2 run on the host.
   add_executable(rye_emulated ${PROJECT_SOURCE_DIR}/examples/trainer/main.cpp
                               programs/emulated_device.cpp programs/emulated_mesh.cpp)
@@ -95,22 +95,22 @@ if(TARGET rye_program)
   target_link_libraries(rye_emulated PRIVATE rye_trainer)
   rye_check(train_on_device programs/device.sh $<TARGET_FILE:rye_program>
             $<TARGET_FILE:rye_emulated> ${CMAKE_CURRENT_BINARY_DIR}/train_on_device)
-  set_tests_properties(train_on_device PROPERTIES PROCESSORS 2 TIMEOUT 900)
+  set_tests_properties(train_on_device PROPERTIES TIMEOUT 1800)
   rye_check(density programs/density.sh $<TARGET_FILE:rye_program> $<TARGET_FILE:rye_emulated>
             ${CMAKE_CURRENT_BINARY_DIR}/density)
-  set_tests_properties(density PROPERTIES PROCESSORS 2 TIMEOUT 300)
+  set_tests_properties(density PROPERTIES TIMEOUT 600)
   rye_check(appearance programs/appearance.sh $<TARGET_FILE:rye_program>
             ${CMAKE_CURRENT_BINARY_DIR}/appearance)
-  set_tests_properties(appearance PROPERTIES PROCESSORS 2 TIMEOUT 300)
+  set_tests_properties(appearance PROPERTIES TIMEOUT 600)
   rye_check(flaw programs/flaw.sh $<TARGET_FILE:rye_program> ${PROJECT_SOURCE_DIR}/docs/flaws.md
             ${CMAKE_CURRENT_BINARY_DIR}/flaw)
-  set_tests_properties(flaw PROPERTIES PROCESSORS 2 TIMEOUT 300)
+  set_tests_properties(flaw PROPERTIES TIMEOUT 600)
   rye_check(limits programs/limits.sh $<TARGET_FILE:rye_program> ${CMAKE_CURRENT_BINARY_DIR}/limits)
-  set_tests_properties(limits PROPERTIES PROCESSORS 2 TIMEOUT 300)
+  set_tests_properties(limits PROPERTIES TIMEOUT 600)
   rye_check(travel programs/travel.sh $<TARGET_FILE:rye_program> ${CMAKE_CURRENT_BINARY_DIR}/travel)
-  set_tests_properties(travel PROPERTIES PROCESSORS 2 TIMEOUT 300)
+  set_tests_properties(travel PROPERTIES TIMEOUT 600)
   rye_check(compare programs/compare.sh $<TARGET_FILE:rye_program> ${CMAKE_CURRENT_BINARY_DIR}/compare)
-  set_tests_properties(compare PROPERTIES PROCESSORS 2 TIMEOUT 600)
+  set_tests_properties(compare PROPERTIES TIMEOUT 1200)
   if(RYE_INSTALL)
     rye_check(shell_files programs/shell_files.sh $<TARGET_FILE:rye_program> ${PROJECT_BINARY_DIR}
               ${CMAKE_COMMAND} ${CMAKE_CURRENT_BINARY_DIR}/shell_files)
@@ -123,7 +123,7 @@ if(TARGET rye_program)
   if(TARGET lesson_09_draw_from_c)
     rye_check(export_avatar programs/export_avatar.sh $<TARGET_FILE:rye_program>
               $<TARGET_FILE:lesson_09_draw_from_c> ${CMAKE_CURRENT_BINARY_DIR}/export_avatar)
-    set_tests_properties(export_avatar PROPERTIES PROCESSORS 2 TIMEOUT 300)
+    set_tests_properties(export_avatar PROPERTIES TIMEOUT 600)
   endif()
   # It measures frames a second.
   rye_check(gaze_page gaze_page/gaze_page.sh $<TARGET_FILE:rye_program>
@@ -131,7 +131,7 @@ if(TARGET rye_program)
   set_tests_properties(gaze_page PROPERTIES RUN_SERIAL ON TIMEOUT 900 SKIP_RETURN_CODE 77)
   rye_check(crash_safety programs/crash_safety.sh $<TARGET_FILE:rye_program>
             ${CMAKE_CURRENT_BINARY_DIR}/crash_safety)
-  set_tests_properties(crash_safety PROPERTIES PROCESSORS 2 TIMEOUT 600)
+  set_tests_properties(crash_safety PROPERTIES TIMEOUT 1200)
 endif()
 
 # ---- kernels for instructions that this machine may not have -------------------------------------
@@ -250,8 +250,9 @@ add_subdirectory(fuzz)
 # ---- the longest first, so that two jobs end together on a machine that has not run them yet ------
 get_property(rye_tests DIRECTORY PROPERTY TESTS)
 set(cost 100)
-foreach(name device_programs device_kernels zero_cost_clang zero_cost_own_compiler headers_alone
-             consumer_find_package packages test_widths test_evaluate test_learning device_formulas)
+foreach(name device_programs device_kernels headers_alone train_on_device zero_cost_clang
+             zero_cost_own_compiler compare pipeline consumer_find_package packages test_widths
+             test_evaluate test_learning crash_safety density device_formulas)
   if(name IN_LIST rye_tests)
     set_tests_properties(${name} PROPERTIES COST ${cost})
   endif()

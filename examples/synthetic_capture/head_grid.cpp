@@ -3,17 +3,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include <rye/core/parallel.hpp>
 
+#include "data/degrees.hpp"
 #include "data/threads.hpp"
 #include "synthetic_capture/noise.hpp"
 
 namespace rye::trainer {
 namespace {
-
-constexpr double degree = std::numbers::pi / 180;
 
 /// Origin of the rays; below `lowest` it slides down the neck instead of the rays turning further.
 const Vec3<double> middle(0, 0.30, 0.10);

@@ -3,17 +3,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include <rye/core/parallel.hpp>
 
+#include "data/degrees.hpp"
 #include "data/threads.hpp"
 #include "synthetic_capture/noise.hpp"
 
 namespace rye::trainer {
 namespace {
-
-constexpr double degree = std::numbers::pi / 180;
 
 /// Range of the lids' motion above and below their line.
 constexpr double reach_up = 54 * degree, reach_down = 44 * degree;

@@ -7,6 +7,7 @@
 
 #include <rye/math/linalg.hpp>
 
+#include "data/degrees.hpp"
 #include "synthetic_capture/noise.hpp"
 
 namespace rye::trainer {
@@ -31,7 +32,6 @@ double Eyeball::surface(double angle) const {
 
 EyeballMesh eyeball_mesh(const Eyeball& eye) {
     constexpr int around = 48;
-    constexpr double degree = std::numbers::pi / 180;
     // Rings by their angle from the axis: fine over cornea and visible sclera, coarse behind.
     std::vector<double> rings;
     const double limbus = std::asin(eye.limbus_radius / eye.radius);

@@ -21,7 +21,7 @@ namespace {
 namespace fs = std::filesystem;
 using V3 = Vec3<double>;
 
-constexpr double unit = 0.1;
+constexpr double ict_unit = 0.1;
 constexpr int albedo_width = 1792, albedo_height = 896;
 /// Limit on identity weights, in standard deviations of the model.
 constexpr double most_identity = 1.3;
@@ -174,10 +174,10 @@ Eyeball find_eyeball(const Pack& pack, const Points& mean, const Points& subject
     const Columns<double> centres = pack.columns("eye_center", 3),
                           radii = pack.columns("eye_radius", 1);
     const auto k = static_cast<Index>(eye);
-    const V3 centre = unit * V3(centres.col(k));
+    const V3 centre = ict_unit * V3(centres.col(k));
     Eyeball ball;
     ball.centre = b + grown * (centre - a);
-    ball.radius = unit * radii(0, k) * grown;
+    ball.radius = ict_unit * radii(0, k) * grown;
     // The model's limbus, and a cornea whose apex lies where the model's does.
     ball.limbus_radius = 0.398 * ball.radius;
     ball.cornea_radius = 0.490 * ball.radius;
@@ -198,7 +198,7 @@ HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
     model.identity_names = names.identity;
 
     const auto shapes = std::make_shared<Shapes>();
-    const Points mean = unit * pack.columns("neutral", 3);
+    const Points mean = ict_unit * pack.columns("neutral", 3);
     const Index n = mean.cols();
     const auto ids = static_cast<Index>(names.identity.size());
     const Columns<double> id_delta = pack.columns("id_delta", 3);
@@ -209,11 +209,11 @@ HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
     for (Index i = 0; i < ids; ++i) {
         model.identity[i] =
             std::clamp(random.normal(static_cast<std::uint64_t>(i)), -most_identity, most_identity);
-        shapes->neutral += unit * model.identity[i] * id_delta.middleCols(i * n, n);
+        shapes->neutral += ict_unit * model.identity[i] * id_delta.middleCols(i * n, n);
     }
 
     shapes->vertex = pack.indices("expr_index", 1, n);
-    shapes->delta = unit * pack.columns("expr_delta", 3);
+    shapes->delta = ict_unit * pack.columns("expr_delta", 3);
     shapes->offset = pack.indices("expr_offset", 1, shapes->delta.cols() + 1);
     require(shapes->offset.size() == names.expressions.size() + 1 &&
                 std::is_sorted(shapes->offset.begin(), shapes->offset.end()) &&

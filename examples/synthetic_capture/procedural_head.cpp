@@ -8,6 +8,7 @@
 #include <rye/core/random.hpp>
 #include <rye/math/rotation.hpp>
 
+#include "data/degrees.hpp"
 #include "synthetic_capture/head_lids.hpp"
 #include "synthetic_capture/noise.hpp"
 #include "synthetic_capture/skin_paint.hpp"
@@ -16,7 +17,6 @@ namespace rye::trainer {
 namespace {
 
 using V3 = Vec3<double>;
-constexpr double degree = std::numbers::pi / 180;
 
 /// Size of the albedo image [px].
 constexpr int albedo_width = 1024, albedo_height = 768;

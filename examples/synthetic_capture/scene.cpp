@@ -3,17 +3,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include <rye/core/error.hpp>
 #include <rye/core/random.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/degrees.hpp"
+
 namespace rye::trainer {
 namespace {
-
-constexpr double degree = std::numbers::pi / 180;
 
 /// Directions of the cameras, (yaw, pitch) [deg] from the head, the most informative first.
 constexpr std::array<std::array<double, 2>, 18> rig{{{0, 1},

@@ -1,19 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // An avatar's kernels of a device, run by its emulation on the host.
-#include <rye/backend/cuda/emulation.hpp>
-
 #include <algorithm>
 #include <iterator>
 
 #include "../cuda/avatar_cases.hpp"
+#include "../cuda/emulated.hpp"
 
 using namespace rye;
 using namespace rye::test;
 
 namespace {
 
-HostMemory memory;
-const CudaQueue queue{nullptr, memory};
 using Fine = DeviceNetworks<3, 32, 32, 32>;
 
 AvatarCase<AllEffects> case_of_all() { return {avatar_of_all(), drivers_of_all()}; }
@@ -31,62 +28,62 @@ AvatarCase<E> case_of() {
 
 TEST_CASE("cuda, emulated: an avatar of every effect is the host's") {
     AvatarCase<AllEffects> c = case_of_all();
-    avatar_against_host<Fine>(EmulatedDevice{}, queue, c);
+    avatar_against_host<Fine>(EmulatedDevice{}, host_queue, c);
     c.column = 1;
     c.config.metric = EuclideanDistance{};
-    avatar_against_host<Fine>(EmulatedDevice{PhaseOrder::shuffled}, queue, c);
-    avatar_against_host<Fine>(EmulatedDevice{PhaseOrder::backward}, queue, c);
+    avatar_against_host<Fine>(EmulatedDevice{PhaseOrder::shuffled}, host_queue, c);
+    avatar_against_host<Fine>(EmulatedDevice{PhaseOrder::backward}, host_queue, c);
 }
 TEST_CASE("cuda, emulated: corrected gazes are the host's") {
     const AvatarCase<AllEffects> c = with_corrected_gazes(case_of_all());
-    avatar_against_host<Fine>(EmulatedDevice{}, queue, c);
-    avatar_again<Fine>(EmulatedDevice{PhaseOrder::shuffled}, queue, c);
-    avatar_by_gaze<Fine>(EmulatedDevice{}, queue, c);
+    avatar_against_host<Fine>(EmulatedDevice{}, host_queue, c);
+    avatar_again<Fine>(EmulatedDevice{PhaseOrder::shuffled}, host_queue, c);
+    avatar_by_gaze<Fine>(EmulatedDevice{}, host_queue, c);
     // Without a head pose to correct, and of one eye.
     avatar_against_host<Fine>(
-        EmulatedDevice{}, queue,
+        EmulatedDevice{}, host_queue,
         with_corrected_gazes(case_of<Effects<Expression, LeftGaze, Kappa>>()));
     AvatarCase<AllEffects> none = c; // of a frame without corrections
     none.column = -1;
-    avatar_against_host<Fine>(EmulatedDevice{}, queue, none);
+    avatar_against_host<Fine>(EmulatedDevice{}, host_queue, none);
 }
 TEST_CASE("cuda, emulated: an avatar gives the same bits again, in any order of threads") {
     const AvatarCase<AllEffects> c = case_of_all();
-    avatar_again<Fine>(EmulatedDevice{}, queue, c);
+    avatar_again<Fine>(EmulatedDevice{}, host_queue, c);
     const Gaussians<float> cotangent = noise_like(78, c.config.channels);
-    CHECK(drive_on<Fine>(EmulatedDevice{}, queue, c, cotangent) ==
-          drive_on<Fine>(EmulatedDevice{PhaseOrder::shuffled}, queue, c, cotangent));
+    CHECK(drive_on<Fine>(EmulatedDevice{}, host_queue, c, cotangent) ==
+          drive_on<Fine>(EmulatedDevice{PhaseOrder::shuffled}, host_queue, c, cotangent));
 }
 TEST_CASE("cuda, emulated: lists of an avatar's points grow") {
-    avatar_lists_grow<Fine>(EmulatedDevice{}, queue, case_of_all());
+    avatar_lists_grow<Fine>(EmulatedDevice{}, host_queue, case_of_all());
 }
 TEST_CASE("cuda, emulated: what an avatar's device refuses") {
-    avatar_bad_input<Fine>(EmulatedDevice{}, queue, case_of_all());
+    avatar_bad_input<Fine>(EmulatedDevice{}, host_queue, case_of_all());
 }
 TEST_CASE("cuda, emulated: an avatar is driven, drawn and differentiated as on the host") {
-    avatar_drawn<Fine>(EmulatedDevice{}, queue, case_of_all());
+    avatar_drawn<Fine>(EmulatedDevice{}, host_queue, case_of_all());
 }
 TEST_CASE("cuda, emulated: avatars of fewer effects") {
     const EmulatedDevice device;
-    avatar_against_host<Fine>(device, queue, case_of<PaperEffects>());
-    avatar_against_host<Fine>(device, queue, case_of<Effects<>>());
-    avatar_against_host<Fine>(device, queue, case_of<Effects<HeadPose>>());
-    avatar_against_host<Fine>(device, queue, case_of<Effects<Expression, LeftGaze, Kappa>>());
-    avatar_against_host<Fine>(device, queue, case_of<Effects<PoseResidual, EyeOffset>>());
-    avatar_against_host<Fine>(device, queue,
+    avatar_against_host<Fine>(device, host_queue, case_of<PaperEffects>());
+    avatar_against_host<Fine>(device, host_queue, case_of<Effects<>>());
+    avatar_against_host<Fine>(device, host_queue, case_of<Effects<HeadPose>>());
+    avatar_against_host<Fine>(device, host_queue, case_of<Effects<Expression, LeftGaze, Kappa>>());
+    avatar_against_host<Fine>(device, host_queue, case_of<Effects<PoseResidual, EyeOffset>>());
+    avatar_against_host<Fine>(device, host_queue,
                               case_of<Effects<HeadPose, RightGaze, Periocular, Kappa>>());
 }
 TEST_CASE("cuda, emulated: influences by two metrics") {
     using Two = More<AllEffects, PoseInfluence<EuclideanDistance>>;
     const AvatarCase<Two> c{restricted<Two>(avatar_of_all()), restricted<Two>(drivers_of_all())};
-    avatar_against_host<Fine>(EmulatedDevice{}, queue, c);
+    avatar_against_host<Fine>(EmulatedDevice{}, host_queue, c);
 }
 TEST_CASE("cuda, emulated: another gaze alone gives the bits of other drivers, by fewer launches") {
     const EmulatedDevice device;
     const AvatarCase<AllEffects> c = case_of_all();
-    avatar_by_gaze<Fine>(EmulatedDevice{PhaseOrder::shuffled}, queue, c);
+    avatar_by_gaze<Fine>(EmulatedDevice{PhaseOrder::shuffled}, host_queue, c);
     using Launches = std::map<std::string, int>;
-    const WorkByDrivers all = work_by_drivers<Fine>(device, queue, c);
+    const WorkByDrivers all = work_by_drivers<Fine>(device, host_queue, c);
     CHECK(all.all.at("network, forward") == 10);
     CHECK(all.all.at("network's biases") == 10);
     CHECK(all.gaze == Launches{{"codes of a frame", 1},
@@ -98,9 +95,9 @@ TEST_CASE("cuda, emulated: another gaze alone gives the bits of other drivers, b
                                {"eyes", 1},
                                {"copy", 1}});
     using NoGaze = Less<AllEffects, Periocular, Kappa, LeftGaze, RightGaze>;
-    CHECK(work_by_drivers<Fine>(device, queue, case_of<NoGaze>()).gaze.empty());
+    CHECK(work_by_drivers<Fine>(device, host_queue, case_of<NoGaze>()).gaze.empty());
     using Turned = Effects<HeadPose, LeftGaze>;
-    CHECK(work_by_drivers<Fine>(device, queue, case_of<Turned>()).gaze ==
+    CHECK(work_by_drivers<Fine>(device, host_queue, case_of<Turned>()).gaze ==
           Launches{{"codes of a frame", 1}, {"eyes' transforms", 1}, {"eyes", 1}, {"copy", 1}});
 }
 TEST_CASE("cuda, emulated: points that both gazes move are summed once") {
@@ -149,7 +146,7 @@ TEST_CASE("cuda, emulated: places in a list") {
 TEST_CASE("cuda, emulated: effects that are off launch nothing and hold nothing") {
     using Launches = std::map<std::string, int>;
     const EmulatedDevice device;
-    const AvatarWork none = avatar_work<Fine>(device, queue, case_of<Effects<>>());
+    const AvatarWork none = avatar_work<Fine>(device, host_queue, case_of<Effects<>>());
     CHECK(none.launched == Launches{{"copy", 3},
                                     {"face, activation and head", 1},
                                     {"eyes' transforms", 1},
@@ -157,14 +154,14 @@ TEST_CASE("cuda, emulated: effects that are off launch nothing and hold nothing"
                                     {"face, activation and head, reverse", 1},
                                     {"sum of arrays", 2},
                                     {"eyes, reverse", 2}});
-    const AvatarWork head = avatar_work<Fine>(device, queue, case_of<Effects<HeadPose>>());
+    const AvatarWork head = avatar_work<Fine>(device, host_queue, case_of<Effects<HeadPose>>());
     Launches more = none.launched;
     more["codes of a frame"] = more["pose, reverse"] = 1;
     more["merge of sums"] = 3;
     CHECK(head.launched == more);
-    const AvatarWork all = avatar_work<Fine>(device, queue, case_of_all());
+    const AvatarWork all = avatar_work<Fine>(device, host_queue, case_of_all());
     using NoGaze = Less<AllEffects, Periocular, Kappa, LeftGaze, RightGaze>;
-    const AvatarWork fewer = avatar_work<Fine>(device, queue, case_of<NoGaze>());
+    const AvatarWork fewer = avatar_work<Fine>(device, host_queue, case_of<NoGaze>());
     CHECK(all.launched.at("network, forward") == 10);
     CHECK(fewer.launched.at("network, forward") == 6);
     CHECK(all.launched.at("influence") == 3);

@@ -11,13 +11,12 @@
 
 #include <rye/math/rotation.hpp>
 
-#include "../support/hostile.hpp"
 #include "data/changed_labels.hpp"
 #include "data/corrected_cameras.hpp"
 #include "data/flaws.hpp"
 #include "data/samples.hpp"
 #include "data/threads.hpp"
-#include "synthetic_capture/scene.hpp"
+#include "right_capture.hpp"
 #include "training/camera_fit.hpp"
 #include "training/skin_positions.hpp"
 
@@ -27,25 +26,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// A capture whose cameras are right, written once.
-struct Right {
-    TemporaryFolder folder;
-    fs::path path = folder.path / "right";
-    Capture capture;
-    Right() {
-        const CaptureSettings settings{.size = 256,
-                                       .cameras = 6,
-                                       .train_frames = 12,
-                                       .novel_frames = 2,
-                                       .independent_frames = 0,
-                                       .samples = 1};
-        const HeadModel head = procedural_head(1);
-        write_capture(head, capture_scene(head, settings), path, [](int, int) {});
-        capture = read_capture(path);
-    }
-};
-const Right& right() {
-    static const Right made;
+const RightCapture& right() {
+    static const RightCapture made(12);
     return made;
 }
 

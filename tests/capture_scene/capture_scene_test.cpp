@@ -11,13 +11,12 @@
 #include <set>
 
 #include <doctest/doctest.h>
-#include <CLI/CLI.hpp>
 
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
-#include "commands/commands.hpp"
+#include "../programs/command_line.hpp"
 #include "data/capture.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
@@ -61,18 +60,6 @@ double opening(const HeadModel& model, const Points& vertices, int eye, bool upp
         return vertices(1, model.landmarks[static_cast<std::size_t>(first + i)]);
     };
     return (upper ? y(1) + y(2) : y(4) + y(5)) / 2 - (y(0) + y(3)) / 2;
-}
-
-std::string run_command(const std::vector<std::string>& arguments) {
-    CLI::App app;
-    add_capture(app);
-    std::vector<std::string> reversed(arguments.rbegin(), arguments.rend());
-    try {
-        app.parse(reversed);
-    } catch (const Error& e) {
-        return e.what();
-    }
-    return "";
 }
 
 } // namespace
@@ -357,17 +344,17 @@ TEST_CASE("command: writes once, overwrites captures only, and leaves nothing ha
                                   "1",       "--test-frames", "0",          "--apart-frames",
                                   "0",       "--cameras",     "1",          "--size",
                                   "32",      "--samples",     "1",          "--quiet"};
-    CHECK(run_command(line) == "");
+    CHECK(answer(line).text == "");
     CHECK(fs::exists(out / "capture.json"));
     CHECK(fs::exists(out / "images" / "0000" / "image_00.jpg"));
     CHECK_FALSE(fs::exists(folder.path / "made.tmp"));
     const auto before = fs::last_write_time(out / "capture.json");
-    CHECK(run_command(line).find("--overwrite") != std::string::npos);
+    CHECK(answer(line).text.find("--overwrite") != std::string::npos);
     CHECK(fs::last_write_time(out / "capture.json") == before);
 
     line.push_back("--overwrite");
     fs::remove(out / "capture.json"); // no longer recognisable as a capture
-    CHECK(run_command(line).find("no capture") != std::string::npos);
+    CHECK(answer(line).text.find("no capture") != std::string::npos);
     CHECK(fs::exists(out / "images"));
 
     std::vector<std::string> missing{"capture",
@@ -376,10 +363,10 @@ TEST_CASE("command: writes once, overwrites captures only, and leaves nothing ha
                                      "--model",
                                      (folder.path / "nothing.npz").string(),
                                      "--quiet"};
-    CHECK(run_command(missing).find("nothing.npz") != std::string::npos);
+    CHECK(answer(missing).text.find("nothing.npz") != std::string::npos);
     std::ofstream(folder.path / "alone.npz");
     missing[4] = (folder.path / "alone.npz").string();
-    CHECK(run_command(missing).find("names.json: no such file, expected the names") !=
+    CHECK(answer(missing).text.find("names.json: no such file, expected the names") !=
           std::string::npos);
     CHECK_FALSE(fs::exists(folder.path / "b"));
     CHECK_FALSE(fs::exists(folder.path / "b.tmp"));

@@ -11,9 +11,8 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
-#include "../support/hostile.hpp"
 #include "data/flaws.hpp"
-#include "synthetic_capture/scene.hpp"
+#include "right_capture.hpp"
 #include "training/camera_colours.hpp"
 #include "training/gaze_estimator.hpp"
 
@@ -25,26 +24,8 @@ namespace {
 
 constexpr double degree = 3.14159265358979323846 / 180;
 
-/// A capture whose labels are right, written once: its irises are seen by 80 pixels and more.
-struct Right {
-    TemporaryFolder folder;
-    fs::path path = folder.path / "right";
-    Capture capture;
-    Right() {
-        const CaptureSettings settings{.size = 256,
-                                       .cameras = 6,
-                                       .train_frames = 10,
-                                       .novel_frames = 2,
-                                       .independent_frames = 0,
-                                       .samples = 1};
-        const HeadModel head = procedural_head(1);
-        write_capture(head, capture_scene(head, settings), path, [](int, int) {});
-        capture = read_capture(path);
-    }
-    const CaptureFrame& frame(int f) const { return capture.frames[static_cast<std::size_t>(f)]; }
-};
-const Right& right() {
-    static const Right made;
+const RightCapture& right() {
+    static const RightCapture made(10);
     return made;
 }
 

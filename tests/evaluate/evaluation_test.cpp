@@ -7,6 +7,7 @@
 
 #include "../programs/tiny_capture.hpp"
 #include "../programs/tiny_run.hpp"
+#include "data/picture.hpp"
 #include "data/threads.hpp"
 
 using namespace rye;

@@ -2,8 +2,6 @@
 /// Training as a whole: a small head trained for seconds must render held-out frames, with their
 /// gaze; without the gradients of any one stream it must not. A gradient that is zero, or of the
 /// wrong sign, fails here even if the laws of single kernels hold.
-#include <unistd.h>
-
 #include <array>
 #include <cmath>
 #include <filesystem>
@@ -14,6 +12,7 @@
 
 #include <rye/core/random.hpp>
 
+#include "../support/hostile.hpp"
 #include "synthetic_capture/scene.hpp"
 #include "training/evaluation.hpp"
 
@@ -22,15 +21,6 @@ using namespace rye::trainer;
 namespace fs = std::filesystem;
 
 namespace {
-
-struct Folder {
-    fs::path path = fs::temp_directory_path() / ("rye_learning_" + std::to_string(::getpid()));
-    Folder() {
-        fs::remove_all(path);
-        fs::create_directories(path);
-    }
-    ~Folder() { fs::remove_all(path); }
-};
 
 /// Few frames and cameras, close enough for eyes of measurable size.
 Capture small_capture(const fs::path& folder) {
@@ -197,7 +187,7 @@ constexpr double psnr_bound = 18.5, gaze_bound = 15;
 } // namespace
 
 TEST_CASE("training learns a head and its gaze, and not without any one of its streams") {
-    const Folder folder;
+    const TemporaryFolder folder;
     Capture capture = small_capture(folder.path);
     const TrainState state = mesh_stage(capture, none);
     const TrainState trained = avatar_stage(capture, state, none);

@@ -6,10 +6,8 @@
 /// checksum: its silent flips are counted, not refused.
 #include <cstdio>
 #include <cstdlib>
-#include <fstream>
 #include <functional>
 #include <iostream>
-#include <iterator>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -17,6 +15,7 @@
 #include <rye/capture/avatar_file.hpp>
 #include <rye/capture/splats.hpp>
 
+#include "../support/file_bytes.hpp"
 #include "../support/tiny_playable.hpp"
 #include "commands/compare_tables.hpp"
 #include "data/checksums.hpp"
@@ -57,11 +56,6 @@ struct Subject {
     std::function<std::string()> read;
     bool may_be_silent = false;
 };
-
-std::string text_of(const fs::path& path) {
-    std::ifstream in(path, std::ios::binary);
-    return {std::istreambuf_iterator<char>(in), {}};
-}
 
 void put(const fs::path& path, const std::string& text) {
     write_atomic(path, as_bytes(text), Durability::atomic_only);
@@ -107,7 +101,7 @@ class Files {
             checked_text({{"perceptual_weights", "lpips.safetensors"}}, 2));
         for (const char* name : {"results.json", "complete.json"})
             add(name, [](const fs::path& file) {
-                return parse_checked_json(text_of(file), file.string()).dump();
+                return parse_checked_json(bytes_of(file), file.string()).dump();
             });
         add("per_view.json", [](const fs::path& file) {
             return nlohmann::json(eye_boxes(file.parent_path())).dump();
@@ -117,7 +111,7 @@ class Files {
                           {"frames", {{"0000", {{"views", 3}, {"gaze", true}}}}}},
                          1));
         add("import.json", [](const fs::path& file) {
-            const ImportRecord r = parse_import_record(text_of(file), file.string());
+            const ImportRecord r = parse_import_record(bytes_of(file), file.string());
             return r.job.dump() + nlohmann::json(r.frames).dump();
         });
     }
@@ -130,10 +124,7 @@ class Files {
     }
 
     void write_capture() {
-        for (int f = 0; f < TinyCapture::frames; ++f) {
-            const std::vector<float> weights{0.2f * static_cast<float>(f), 0.5f, -0.1f};
-            TinyCapture::set<float>(files_.params(f, "params.npz"), "exp_coeff", {1, 3}, weights);
-        }
+        files_.set_expressions();
         nlohmann::ordered_json about{{"subject", "a"}, {"test_frames", {"0003"}}};
         about["checksums"] = array_checksums(files_.folder);
         files_.write_text("capture.json", checked_text(about, 1));
@@ -181,12 +172,12 @@ class Files {
         const auto config = to_json(state.config);
         subjects_.push_back({checkpoint_path(run_), [this] {
                                  save_checkpoint(again_, load_checkpoint(run_));
-                                 return text_of(checkpoint_path(again_));
+                                 return bytes_of(checkpoint_path(again_));
                              }});
         const std::string mark = state.frames;
         subjects_.push_back({frames_path(run_), [this, mark] {
                                  save_frames(again_, load_frames(run_, mark));
-                                 return text_of(frames_path(again_));
+                                 return bytes_of(frames_path(again_));
                              }});
         subjects_.push_back({run_ / "log.jsonl", [this, state] {
                                  int damaged = 0;
@@ -211,7 +202,7 @@ class Files {
         add("a.avatar", [](const fs::path& file) {
             const fs::path again = file.parent_path() / "again.avatar";
             write_avatar(again, read_avatar<float>(file), AvatarPrecision::full);
-            return text_of(again);
+            return bytes_of(again);
         });
         GaussianCloud<float> cloud(40, 1);
         test::Draw draw;
@@ -245,7 +236,7 @@ class Files {
 
 /// Whether no flip was silent.
 bool test_file(const Subject& s, int flips, const Random& random) {
-    const std::string whole = text_of(s.file);
+    const std::string whole = bytes_of(s.file);
     const std::string name = s.file.filename().string();
     const Outcome right = outcome_of(s);
     if (right.refused || !right.words.empty()) {

@@ -14,6 +14,7 @@
 #include <rye/capture/read_capture.hpp>
 
 #include "../support/hostile.hpp"
+#include "data/picture.hpp"
 #include "tiny_capture.hpp"
 
 using namespace rye;

@@ -6,22 +6,19 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
-#include <iostream>
 #include <map>
 #include <set>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include <doctest/doctest.h>
-#include <CLI/CLI.hpp>
 
 #include "../support/hostile.hpp"
-#include "commands/commands.hpp"
-#include "commands/program.hpp"
+#include "command_line.hpp"
 #include "data/capture.hpp"
 #include "data/checksums.hpp"
 #include "data/json.hpp"
+#include "data/picture.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
 #include "tiny_capture.hpp"
@@ -171,26 +168,6 @@ double moment(const Image8& image, bool light) {
         }
     mx /= total, my /= total;
     return squares / total - mx * mx - my * my;
-}
-
-struct Answer {
-    int code;
-    std::string text;
-};
-
-Answer answer(std::vector<std::string> words) {
-    CLI::App app;
-    app.name("rye");
-    app.require_subcommand(1);
-    add_commands(app);
-    words.insert(words.begin(), {"rye", "flaw"});
-    std::vector<char*> argv;
-    for (std::string& w : words) argv.push_back(w.data());
-    std::ostringstream heard;
-    std::streambuf* const before = std::cerr.rdbuf(heard.rdbuf());
-    const int code = run_program(app, static_cast<int>(argv.size()), argv.data());
-    std::cerr.rdbuf(before);
-    return {code, heard.str()};
 }
 
 } // namespace
@@ -617,7 +594,7 @@ TEST_CASE("flaw: command lines") {
     const TemporaryFolder folder;
     const TinyCapture tiny(folder.path / "capture");
     const auto says = [&](const std::vector<std::string>& words, const std::string& sentence) {
-        std::vector<std::string> line{"--capture", tiny.folder.string(), "--out",
+        std::vector<std::string> line{"flaw", "--capture", tiny.folder.string(), "--out",
                                       (folder.path / "out").string()};
         line.insert(line.end(), words.begin(), words.end());
         const Answer a = answer(line);
@@ -641,7 +618,7 @@ TEST_CASE("flaw: command lines") {
     says({"--seed", "-1", "--gain", "1"}, "--seed: got '-1', expected a whole number");
     says({}, "no flaw is asked for");
     says({"--gaze", "1"}, "--gaze is no option");
-    CHECK(answer({"--capture", tiny.folder.string(), "--out", (folder.path / "out").string(),
+    CHECK(answer({"flaw", "--capture", tiny.folder.string(), "--out", (folder.path / "out").string(),
                   "--pose", "0.6,1", "--jpeg", "75", "--quiet", "--seed", "3"})
               .code == 0);
     const auto flaws = read_json(folder.path / "out" / "flaws.json").at("flaws");

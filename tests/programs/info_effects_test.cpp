@@ -9,6 +9,7 @@
 #include <rye/core/random.hpp>
 #include <rye/gaussian/ply.hpp>
 
+#include "../support/hostile.hpp"
 #include "tiny_capture.hpp"
 
 using namespace rye;
@@ -16,15 +17,6 @@ using namespace rye::trainer;
 namespace fs = std::filesystem;
 
 namespace {
-
-struct Folder {
-    fs::path path = fs::temp_directory_path() / "rye_info_effects_test";
-    Folder() {
-        fs::remove_all(path);
-        fs::create_directories(path);
-    }
-    ~Folder() { fs::remove_all(path); }
-};
 
 std::string explained(const fs::path& scene, const std::string& bound = "1/255") {
     return explain_effects({scene.string(), "", bound, ""});
@@ -60,7 +52,7 @@ fs::path cloud_file(const fs::path& folder, const std::array<double, 3>& bands, 
 } // namespace
 
 TEST_CASE("info --effects: a cloud drawn by the chosen effects is that of all, within the bound") {
-    const Folder folder;
+    const TemporaryFolder folder;
     struct Case {
         std::array<double, 3> bands;
         std::string sh1, sh2, sh3;
@@ -87,7 +79,7 @@ TEST_CASE("info --effects: a cloud drawn by the chosen effects is that of all, w
 }
 
 TEST_CASE("info --effects: photographs call for their lens alone") {
-    const Folder folder;
+    const TemporaryFolder folder;
     const auto with = [&](const std::string& k1) {
         std::ofstream(folder.path / "transforms.json")
             << R"({"w": 64, "h": 48, "k1": )" << k1 << R"(, "frames": [{}, {}]})";
@@ -104,7 +96,7 @@ TEST_CASE("info --effects: photographs call for their lens alone") {
 }
 
 TEST_CASE("info --effects: a capture") {
-    const Folder folder;
+    const TemporaryFolder folder;
     const TinyCapture capture(folder.path);
     const std::string text = explained(capture.folder);
     INFO(text);

@@ -6,12 +6,12 @@
 
 #include <cmath>
 #include <fstream>
-#include <iterator>
 #include <string>
 #include <vector>
 
 #include <rye/capture/inflate.hpp>
 
+#include "../support/file_bytes.hpp"
 #include "../support/hostile.hpp"
 
 using namespace rye;
@@ -19,11 +19,6 @@ using namespace rye::trainer;
 namespace fs = std::filesystem;
 
 namespace {
-
-std::string bytes_of(const fs::path& file) {
-    std::ifstream in(file, std::ios::binary);
-    return {std::istreambuf_iterator<char>(in), {}};
-}
 
 /// Odd sides, and other colours in each.
 Image8 colours(int number) {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every option of every command that takes numbers, as numbers or as a text of them, with what is
 // no finite number: exit code 2, and a sentence that names the option and the value.
-#include <iostream>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -10,6 +8,7 @@
 #include <doctest/doctest.h>
 
 #include "../support/hostile.hpp"
+#include "command_line.hpp"
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
 #include "commands/program.hpp"
@@ -19,27 +18,6 @@ using namespace rye;
 using namespace rye::trainer;
 
 namespace {
-
-/// What a command line answers on standard error, and its exit code.
-struct Answer {
-    int code;
-    std::string text;
-};
-
-Answer answer(std::vector<std::string> words) {
-    CLI::App app;
-    app.name("rye");
-    app.require_subcommand(1);
-    add_commands(app);
-    words.insert(words.begin(), "rye");
-    std::vector<char*> argv;
-    for (std::string& w : words) argv.push_back(w.data());
-    std::ostringstream heard;
-    std::streambuf* const before = std::cerr.rdbuf(heard.rdbuf());
-    const int code = run_program(app, static_cast<int>(argv.size()), argv.data());
-    std::cerr.rdbuf(before);
-    return {code, heard.str()};
-}
 
 struct NumericOption {
     std::vector<std::string> command; ///< words before the option

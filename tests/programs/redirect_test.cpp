@@ -4,19 +4,14 @@
 
 #include <algorithm>
 #include <fstream>
-#include <iostream>
-#include <iterator>
-#include <sstream>
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
-
-#include "../support/hostile.hpp"
-#include "commands/commands.hpp"
+#include "../support/file_bytes.hpp"
+#include "command_line.hpp"
+#include "data/picture.hpp"
 #include "data/run_frames.hpp"
-#include "tiny_capture.hpp"
-#include "tiny_run.hpp"
+#include "tiny_scene.hpp"
 
 using namespace rye;
 using namespace rye::trainer;
@@ -24,49 +19,18 @@ namespace fs = std::filesystem;
 
 namespace {
 
-std::string bytes_of(const fs::path& file) {
-    std::ifstream in(file, std::ios::binary);
-    return {std::istreambuf_iterator<char>(in), {}};
-}
-
-/// A tiny run, and a capture that fits it.
-struct DrawnScene {
-    TemporaryFolder folder;
-    TinyCapture capture{folder.path / "capture"};
+struct DrawnScene : TinyScene {
     fs::path picture = folder.path / "picture.png";
-
-    DrawnScene() {
-        for (int f = 0; f < TinyCapture::frames; ++f) {
-            const std::vector<float> weights{0.2f * static_cast<float>(f), 0.5f, -0.1f};
-            TinyCapture::set<float>(capture.params(f, "params.npz"), "exp_coeff", {1, 3}, weights);
-        }
-        TrainState state = tiny_state();
-        state.step = 1;
-        state.capture = capture.folder.string();
-        fs::create_directories(folder.path / "run");
-        save_checkpoint(folder.path / "run", state);
-    }
 
     /// The bytes of the picture.
     std::string draw(const std::vector<std::string>& options) const {
-        CLI::App app;
-        add_redirect(app);
-        std::vector<std::string> words{"redirect", "--run",   (folder.path / "run").string(),
-                                       "--threads", "1"};
+        std::vector<std::string> words{"redirect", "--run", run.string(), "--threads", "1"};
         if (std::find(options.begin(), options.end(), "--out") == options.end())
             words.insert(words.end(), {"--out", picture.string()});
         words.insert(words.end(), options.begin(), options.end());
-        std::reverse(words.begin(), words.end());  // as CLI11 takes them
         fs::remove(picture);
-        const std::ostringstream said;
-        std::streambuf* const before = std::cout.rdbuf(said.rdbuf());
-        try {
-            app.parse(words);
-        } catch (...) {
-            std::cout.rdbuf(before);
-            throw;
-        }
-        std::cout.rdbuf(before);
+        const Answer a = answer(words);
+        if (a.code != 0) throw Error(a.text);
         return bytes_of(picture);
     }
 
@@ -204,7 +168,7 @@ TEST_CASE("redirect: an older run is drawn by its capture, and asks for it when 
     CHECK(scene.draw({"--capture", away.string()}) == before);
     CHECK_FAULT(scene.draw({"--compare"}), "--capture");
     // With its frames beside it, it needs no capture.
-    save_frames(scene.folder.path / "run", read_capture(away));
+    save_frames(scene.run, read_capture(away));
     fs::remove_all(away);
     CHECK(scene.draw({}) == before);
 }

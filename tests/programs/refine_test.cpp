@@ -4,20 +4,17 @@
 
 #include <algorithm>
 #include <fstream>
-#include <iterator>
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
-
+#include "../support/file_bytes.hpp"
 #include "../support/hostile.hpp"
-#include "commands/commands.hpp"
+#include "command_line.hpp"
 #include "data/checksums.hpp"
 #include "data/json.hpp"
 #include "data/samples.hpp"
 #include "data/validate.hpp"
-#include "tiny_capture.hpp"
-#include "tiny_run.hpp"
+#include "tiny_scene.hpp"
 #include "training/refine.hpp"
 
 using namespace rye;
@@ -26,40 +23,18 @@ namespace fs = std::filesystem;
 
 namespace {
 
-std::string bytes_of(const fs::path& file) {
-    std::ifstream in(file, std::ios::binary);
-    return {std::istreambuf_iterator<char>(in), {}};
-}
-
-/// A tiny run, and a capture that fits it, whose last frame is for tests.
-struct RefinedScene {
-    TemporaryFolder folder;
-    TinyCapture capture{folder.path / "capture"};
+struct RefinedScene : TinyScene {
     fs::path out = folder.path / "refined";
 
-    RefinedScene() {
-        for (int f = 0; f < TinyCapture::frames; ++f) {
-            const std::vector<float> weights{0.2f * static_cast<float>(f), 0.5f, -0.1f};
-            TinyCapture::set<float>(capture.params(f, "params.npz"), "exp_coeff", {1, 3}, weights);
-        }
-        TrainState state = tiny_state();
-        state.step = 1;
-        state.capture = capture.folder.string();
-        fs::create_directories(folder.path / "run");
-        save_checkpoint(folder.path / "run", state);
-    }
-
     /// Runs the command.
-    void run(const std::vector<std::string>& options) const {
-        CLI::App app;
-        add_refine(app);
-        std::vector<std::string> words{"refine", (folder.path / "run").string(), "--steps", "2"};
+    void command(const std::vector<std::string>& options) const {
+        std::vector<std::string> words{"refine", run.string(), "--steps", "2"};
         words.insert(words.end(), options.begin(), options.end());
-        std::reverse(words.begin(), words.end());  // as CLI11 takes them
-        app.parse(words);
+        const Answer a = answer(words);
+        if (a.code != 0) throw Error(a.text);
     }
     void refine(const fs::path& to, const std::string& threads) const {
-        run({"--capture", capture.folder.string(), "--out", to.string(), "--threads", threads});
+        command({"--capture", capture.folder.string(), "--out", to.string(), "--threads", threads});
     }
 };
 
@@ -179,8 +154,8 @@ TEST_CASE("refine: training frames change, test frames and pictures do not; any 
 TEST_CASE("refine: what it cannot do it says") {
     const RefinedScene scene;
     const std::string capture = scene.capture.folder.string(), out = scene.out.string();
-    CHECK_FAULT(scene.run({"--capture", capture, "--out", capture}), "exists already");
-    CHECK_FAULT(scene.run({"--capture", capture, "--out", out, "--no-gaze", "--no-pose",
+    CHECK_FAULT(scene.command({"--capture", capture, "--out", capture}), "exists already");
+    CHECK_FAULT(scene.command({"--capture", capture, "--out", out, "--no-gaze", "--no-pose",
                            "--expression", "none"}),
                 "leave nothing to refine");
     CHECK(!fs::exists(scene.out));

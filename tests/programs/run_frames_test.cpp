@@ -5,11 +5,11 @@
 #include <doctest/doctest.h>
 
 #include <fstream>
-#include <iterator>
 #include <limits>
 
 #include <rye/capture/safetensors.hpp>
 
+#include "../support/file_bytes.hpp"
 #include "../support/hostile.hpp"
 #include "tiny_capture.hpp"
 
@@ -126,21 +126,18 @@ TEST_CASE("the mark of frames follows their numbers and names, not their place")
 
 TEST_CASE("frames with a number that is not finite are not written") {
     const StoredFrames stored;
-    std::ifstream in(frames_path(stored.folder.path), std::ios::binary);
-    const std::string before{std::istreambuf_iterator<char>(in), {}};
+    const std::string before = bytes_of(frames_path(stored.folder.path));
     Capture c = read_capture(stored.files.folder);
     c.frames[1].landmarks(2, 7) = not_a_number;
     CHECK_FAULT(save_frames(stored.folder.path, c), "landmarks");
-    std::ifstream again(frames_path(stored.folder.path), std::ios::binary);
-    CHECK(std::string{std::istreambuf_iterator<char>(again), {}} == before);
+    CHECK(bytes_of(frames_path(stored.folder.path)) == before);
 }
 
 TEST_CASE("damaged frames of a run are named by file and field") {
     const StoredFrames stored;
     const auto load = [&] { return load_frames(stored.folder.path, ""); };
     const fs::path path = frames_path(stored.folder.path);
-    std::ifstream in(path, std::ios::binary);
-    const std::string kept{std::istreambuf_iterator<char>(in), {}};
+    const std::string kept = bytes_of(path);
     const auto restore = [&] { std::ofstream(path, std::ios::binary | std::ios::trunc) << kept; };
 
     const std::vector<std::pair<std::string, std::string>> words{{"version", "2"},

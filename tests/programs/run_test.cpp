@@ -7,7 +7,6 @@
 #include <csignal>
 #include <fstream>
 #include <iostream>
-#include <iterator>
 #include <map>
 #include <sstream>
 #include <string>
@@ -20,6 +19,7 @@
 #include <rye/avatar/hold.hpp>
 #include <rye/capture/safetensors.hpp>
 
+#include "../support/file_bytes.hpp"
 #include "../support/hostile.hpp"
 #include "data/checksums.hpp"
 #include "data/threads.hpp"
@@ -34,15 +34,6 @@ using namespace rye::trainer;
 namespace fs = std::filesystem;
 
 namespace {
-
-struct Folder {
-    fs::path path = fs::temp_directory_path() / "rye_run_test";
-    Folder() {
-        fs::remove_all(path);
-        fs::create_directories(path);
-    }
-    ~Folder() { fs::remove_all(path); }
-};
 
 /// The tiny run, trained by lines of sight, with a kappa of a few degrees.
 TrainState sight_state() {
@@ -86,7 +77,7 @@ std::string message(const fs::path& run) {
 } // namespace
 
 TEST_CASE("run: one by lines of sight comes back from its checkpoint, with its kappa") {
-    const Folder folder;
+    const TemporaryFolder folder;
     const TrainState state = sight_state();
     save_checkpoint(folder.path, state);
     const TrainState back = load_checkpoint(folder.path);
@@ -101,7 +92,7 @@ TEST_CASE("run: one by lines of sight comes back from its checkpoint, with its k
 }
 
 TEST_CASE("run: an optical one has no tensor of kappa") {
-    const Folder folder;
+    const TemporaryFolder folder;
     save_checkpoint(folder.path, tiny_state());
     CHECK(!read_safetensors(checkpoint_path(folder.path)).has("avatar.eyes.kappa"));
     const TrainState back = load_checkpoint(folder.path);
@@ -110,7 +101,7 @@ TEST_CASE("run: an optical one has no tensor of kappa") {
 }
 
 TEST_CASE("run: a checkpoint that does not fit its gaze_axis is refused, and why") {
-    const Folder folder;
+    const TemporaryFolder folder;
     TrainState state = sight_state();
     state.config.gaze_axis = GazeAxis::optical;
     save_checkpoint(folder.path, state);
@@ -157,7 +148,7 @@ TEST_CASE("run: a step by lines of sight moves kappa, and the rate 0 keeps it") 
 }
 
 TEST_CASE("run: a capture without lines of sight does not do for one by them") {
-    const Folder folder;
+    const TemporaryFolder folder;
     const TinyCapture tiny(folder.path);
     CHECK_NOTHROW(require_gazes(read_capture(folder.path), GazeAxis::visual));
     TinyCapture::remove(tiny.params(2, "gaze.npz"), "visual_right");
@@ -209,7 +200,7 @@ struct Edited {
 /// The checkpoint of `state`, changed, is refused with these words.
 template <class F>
 void check_refused(const TrainState& state, const std::string& words, F&& change) {
-    const Folder folder;
+    const TemporaryFolder folder;
     save_checkpoint(folder.path, state);
     Edited e(folder.path);
     change(e);
@@ -275,7 +266,7 @@ TEST_CASE("run: neighbours of the face are those of its beginning, and a resume 
     TrainState whole = state;
     step(whole, 4);
     step(state, 2);
-    const Folder folder;
+    const TemporaryFolder folder;
     save_checkpoint(folder.path, state);
     TrainState back = load_checkpoint(folder.path);
     // Its Gaussians have moved.
@@ -315,7 +306,7 @@ TEST_CASE("run: two eyes that differ, through steps, a checkpoint, a resume and 
         return avatar_steps(s, {})->step(s, sample, 1, [](const char*) {});
     };
     for (int k = 0; k < 2; ++k) CHECK(step(state).bad_field.empty());
-    const Folder folder;
+    const TemporaryFolder folder;
     save_checkpoint(folder.path, state);
     CHECK(read_safetensors(checkpoint_path(folder.path)).word("left_eye_points") ==
           std::to_string(left));
@@ -426,7 +417,7 @@ TEST_CASE("run: sizes that only the configuration claims allocate nothing") {
 }
 
 TEST_CASE("run: a state that is not finite is not saved, and the checkpoint before it stays") {
-    const Folder folder;
+    const TemporaryFolder folder;
     TrainState state = tiny_state();
     save_checkpoint(folder.path, state);
     const Bytes before = read_file(checkpoint_path(folder.path));
@@ -437,7 +428,7 @@ TEST_CASE("run: a state that is not finite is not saved, and the checkpoint befo
 }
 
 TEST_CASE("run: what is not trained is not drawn, and the command that goes on is named") {
-    const Folder folder;
+    const TemporaryFolder folder;
     const std::string command = "`rye train --out " + folder.path.string() + " --resume`";
     TrainState state = tiny_state();
     save_checkpoint(folder.path, state); // stage 2, step 0
@@ -461,10 +452,6 @@ TEST_CASE("run: drivers that overflow draw nothing, with an error") {
 namespace {
 
 void write_text(const fs::path& path, const std::string& text) { std::ofstream(path) << text; }
-std::string text_in(const fs::path& path) {
-    std::ifstream file(path);
-    return {std::istreambuf_iterator<char>(file), {}};
-}
 /// Lines of a log, each with its checksum.
 std::string checked_lines(const std::string& lines) {
     std::istringstream in(lines);
@@ -477,7 +464,7 @@ std::string checked_lines(const std::string& lines) {
 } // namespace
 
 TEST_CASE("run folder: the log of a resumed run keeps its own lines, whatever else is in the file") {
-    const Folder folder;
+    const TemporaryFolder folder;
     TrainState state = tiny_state();
     state.step = 40;
     const std::string good = R"({"stage":"mesh","step":900,"loss":1})" "\n"
@@ -512,7 +499,7 @@ TEST_CASE("run folder: the log of a resumed run keeps its own lines, whatever el
 }
 
 TEST_CASE("run folder: a run is replaced when the new one has a checkpoint, not before") {
-    const Folder folder;
+    const TemporaryFolder folder;
     TrainState old = tiny_state();
     {
         RunFolder run(folder.path, old, Beginning::fresh);
@@ -521,9 +508,9 @@ TEST_CASE("run folder: a run is replaced when the new one has a checkpoint, not 
         write_text(folder.path / "panels" / "step_0000500.png", "old");
     }
     const auto all = [&] {
-        return text_in(folder.path / "checkpoint.safetensors") + text_in(folder.path / "config.json") +
-               text_in(folder.path / "log.jsonl") +
-               text_in(folder.path / "panels" / "step_0000500.png");
+        return bytes_of(folder.path / "checkpoint.safetensors") + bytes_of(folder.path / "config.json") +
+               bytes_of(folder.path / "log.jsonl") +
+               bytes_of(folder.path / "panels" / "step_0000500.png");
     };
     const std::string before = all();
     CHECK(before.find("\"step\":20") != std::string::npos);
@@ -543,22 +530,22 @@ TEST_CASE("run folder: a run is replaced when the new one has a checkpoint, not 
     run.log({{"stage", "avatar"}, {"step", 2}});
     run.save(state);
     run.log({{"stage", "avatar"}, {"step", 3}});
-    const std::string log = text_in(folder.path / "log.jsonl");
+    const std::string log = bytes_of(folder.path / "log.jsonl");
     CHECK(log.starts_with("{\"stage\":\"avatar\",\"step\":2,"));
     CHECK(log.find("\n{\"stage\":\"avatar\",\"step\":3,") != std::string::npos);
     CHECK(std::count(log.begin(), log.end(), '\n') == 2);
-    CHECK(text_in(folder.path / "config.json").find("\"seed\": 77") != std::string::npos);
+    CHECK(bytes_of(folder.path / "config.json").find("\"seed\": 77") != std::string::npos);
     CHECK(load_checkpoint(folder.path).config.seed == 77);
     CHECK(!fs::exists(folder.path / "panels" / "step_0000500.png"));
     CHECK(files_in(folder.path) == 4); // and nothing beside them
 }
 
 TEST_CASE("run folder: a log that has no room has whole lines only, a checkpoint stays, and both say") {
-    const Folder folder;
+    const TemporaryFolder folder;
     TrainState state = tiny_state();
     RunFolder run(folder.path, state, Beginning::fresh);
     run.save(state);
-    const std::string before = text_in(folder.path / "checkpoint.safetensors");
+    const std::string before = bytes_of(folder.path / "checkpoint.safetensors");
     std::ostringstream told;
     std::streambuf* const usual = std::cerr.rdbuf(told.rdbuf());
     std::string fault;
@@ -577,7 +564,7 @@ TEST_CASE("run folder: a log that has no room has whole lines only, a checkpoint
     ::setrlimit(RLIMIT_FSIZE, &limit);
     std::signal(SIGXFSZ, handler);
     std::cerr.rdbuf(usual);
-    const std::string log = text_in(folder.path / "log.jsonl");
+    const std::string log = bytes_of(folder.path / "log.jsonl");
     CHECK(log.size() > 900);
     CHECK(log.size() <= 1000);
     CHECK(log.back() == '\n');
@@ -591,18 +578,18 @@ TEST_CASE("run folder: a log that has no room has whole lines only, a checkpoint
           std::string::npos);
     CHECK(fault.find("go on from the checkpoint before it with `rye train --out ") !=
           std::string::npos);
-    CHECK(text_in(folder.path / "checkpoint.safetensors") == before);
+    CHECK(bytes_of(folder.path / "checkpoint.safetensors") == before);
     CHECK(files_in(folder.path) == 4);
 }
 
 TEST_CASE("run folder: a path that is a file, and a panel that cannot be drawn") {
-    const Folder folder;
+    const TemporaryFolder folder;
     write_text(folder.path / "file", "mine");
     const TrainState state = tiny_state();
     CHECK_THROWS_WITH_AS(RunFolder(folder.path / "file", state, Beginning::fresh),
                          doctest::Contains("is a file, expected a folder"), Error);
     CHECK_THROWS_AS(RunFolder(folder.path / "file" / "run", state, Beginning::fresh), Error);
-    CHECK(text_in(folder.path / "file") == "mine");
+    CHECK(bytes_of(folder.path / "file") == "mine");
     fs::create_directories(folder.path / "run" / "checkpoint.safetensors");
     CHECK_THROWS_AS(RunFolder(folder.path / "run", state, Beginning::fresh), Error);
     CHECK(!fs::exists(folder.path / "run" / "config.json"));

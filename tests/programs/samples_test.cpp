@@ -5,6 +5,7 @@
 #include <doctest/doctest.h>
 
 #include "../support/hostile.hpp"
+#include "data/picture.hpp"
 #include "tiny_capture.hpp"
 
 using namespace rye;

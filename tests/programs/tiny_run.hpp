@@ -3,35 +3,11 @@
 /// the image.
 #pragma once
 
-#include <rye/avatar/hold.hpp>
-
 #include "../support/tiny_avatar.hpp"
 #include "training/run.hpp"
 
 namespace rye::trainer {
 
-inline TrainState tiny_state() {
-    test::Draw draw;
-    TrainState s;
-    s.stage = Stage::avatar;
-    s.config = preset("tiny");
-    s.config.avatar = test::tiny_config();
-    s.subject.roles = test::tiny_roles();
-    const TwoStream<double> avatar = test::tiny_avatar(s.config.avatar, draw);
-    s.config.gaussians.upsampler = avatar.upsampler.shape;
-    s.avatar = restricted<TrainEffects>(test::lifted<float>(avatar));
-    s.avatar_adam = Adam<Avatar>(s.avatar);
-    s.subject.neutral = avatar.face.landmarks;
-    s.subject.head_centre.setZero();
-    for (std::size_t e = 0; e < 2; ++e) {
-        s.subject.eye_centre[e] = avatar.eyes.centre.col(static_cast<Index>(e));
-        s.subject.eye_radius[e] = 0.12;
-        s.subject.limbus_radius[e] = 0.06;
-        s.subject.iris_plane[e] = 0.1;
-    }
-    s.train_frames = {0, 1};
-    s.mesh = Mesh::init(s.config.avatar, s.subject.neutral.cast<float>(), Random{1, 0});
-    return s;
-}
+TrainState tiny_state();
 
 } // namespace rye::trainer

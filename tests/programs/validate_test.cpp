@@ -4,15 +4,13 @@
 #include "data/validate.hpp"
 
 #include <filesystem>
-#include <iostream>
-#include <sstream>
 #include <string>
 
 #include <doctest/doctest.h>
-#include <CLI/CLI.hpp>
 
 #include "../support/hostile.hpp"
-#include "commands/commands.hpp"
+#include "command_line.hpp"
+#include "data/picture.hpp"
 #include "tiny_capture.hpp"
 
 using namespace rye;
@@ -42,26 +40,7 @@ bool tells(const std::vector<Problem>& problems, Problem::Severity severity,
     return false;
 }
 
-struct Outcome {
-    int code;
-    std::string printed;
-};
-
-/// `rye info FOLDER`.
-Outcome info(const fs::path& folder) {
-    CLI::App app;
-    add_info(app);
-    std::ostringstream printed;
-    std::streambuf* before = std::cout.rdbuf(printed.rdbuf());
-    int code = 0;
-    try {
-        app.parse("info \"" + folder.string() + "\"");
-    } catch (const CLI::ParseError& e) {
-        code = e.get_exit_code();
-    }
-    std::cout.rdbuf(before);
-    return {code, printed.str()};
-}
+Answer info(const fs::path& folder) { return answer({"info", folder.string()}); }
 
 /// After the damage validation reports an error with these words, training throws (with these
 /// words, or those of the fault that explains it), and info exits with 1.
@@ -77,7 +56,7 @@ void check_error(const std::string& words, F&& damage, const std::string& cause 
     for (const Problem& p : problems) // one sentence each, with the file's path
         CHECK(p.message.find(folder.path.string()) != std::string::npos);
     CHECK_FAULT(read_valid_capture(folder.path), cause.empty() ? words : cause);
-    const Outcome outcome = info(folder.path);
+    const Answer outcome = info(folder.path);
     CHECK(outcome.code == 1);
     CHECK(outcome.printed.find(words) != std::string::npos);
 }
@@ -136,7 +115,7 @@ TEST_CASE("validate: a sound capture has no problem, and info describes it") {
     const std::vector<Problem> problems = problems_of(folder.path);
     INFO("told: ", text_of(problems));
     CHECK(problems.empty());
-    const Outcome outcome = info(folder.path);
+    const Answer outcome = info(folder.path);
     CHECK(outcome.code == 0);
     for (const char* words : {"48 x 48", "training    3 (0000 to 0002)", "test        1 (0003)",
                               "cameras       3: yaw", "2 numbers a frame", "66, and 5 vertices",
@@ -376,7 +355,7 @@ TEST_CASE("validate: two eyes that differ are usable") {
     const TinyCapture tiny(folder.path);
     tiny.edit_all("gaze.npz", "limbus_radius", [](Values& v) { v = {0.0585, 0.06}; });
     tiny.edit_all("gaze.npz", "eye_radius", [](Values& v) { v = {0.15, 0.14}; });
-    const Outcome outcome = info(folder.path);
+    const Answer outcome = info(folder.path);
     CHECK(outcome.code == 0);
     CHECK(outcome.printed.find("verdict       usable\n") != std::string::npos);
     CHECK_NOTHROW(read_trainable_capture(folder.path));
@@ -390,7 +369,7 @@ TEST_CASE("validate: a capture that can be drawn but not trained on is not calle
         CHECK_NOTHROW(read_valid_capture(folder.path));
         CHECK_FAULT(read_trainable_capture(folder.path), words);
         CHECK_FAULT(read_trainable_capture(folder.path), "`rye import gha ");
-        const Outcome outcome = info(folder.path);
+        const Answer outcome = info(folder.path);
         INFO(outcome.printed);
         CHECK(outcome.code == 0);
         CHECK(outcome.printed.find("verdict       usable to draw and measure, not to train: ") !=
@@ -418,7 +397,7 @@ TEST_CASE("validate: few cameras or frames are usable, and the verdict states wh
     REQUIRE(expect.size() == 2);
     CHECK(expect[0].find("1 camera: sides of the head that no image shows") != std::string::npos);
     CHECK(expect[1].find("3 training frames: ") != std::string::npos);
-    const Outcome outcome = info(folder.path);
+    const Answer outcome = info(folder.path);
     CHECK(outcome.code == 0);
     for (const std::string& words : expect)
         CHECK(outcome.printed.find("warning: " + words + "\n") != std::string::npos);
@@ -431,7 +410,7 @@ TEST_CASE("validate: pictures without a tracked head name the command that makes
     fs::remove_all(folder.path / "params");
     CHECK_FAULT(read_trainable_capture(folder.path), "params: no such folder");
     CHECK_FAULT(read_trainable_capture(folder.path), "`rye import vhap TRACKED --out CAPTURE`");
-    const Outcome outcome = info(folder.path);
+    const Answer outcome = info(folder.path);
     CHECK(outcome.code == 1);
     CHECK(outcome.printed.find("verdict       1 errors: not usable") != std::string::npos);
 }

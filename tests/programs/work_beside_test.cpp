@@ -5,13 +5,13 @@
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
-#include <fstream>
 #include <future>
 #include <iostream>
 #include <sstream>
 #include <stdexcept>
 #include <vector>
 
+#include "../support/file_bytes.hpp"
 #include "../support/hostile.hpp"
 #include "data/work_beside.hpp"
 #include "tiny_run.hpp"
@@ -19,15 +19,6 @@
 
 using namespace rye;
 using namespace rye::trainer;
-
-namespace {
-
-std::string bytes_of(const std::filesystem::path& path) {
-    std::ifstream file(path, std::ios::binary);
-    return {std::istreambuf_iterator<char>(file), {}};
-}
-
-} // namespace
 
 TEST_CASE("work beside: it runs while the caller goes on, one piece after the other") {
     WorkBeside work("test");

@@ -1,65 +1,64 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernels of a device, run by its emulation on the host: the same text with a warp as an array
 // of lanes. Phases run in order, backward and shuffled, so that a missing barrier shows.
-#include <rye/backend/cuda/emulation.hpp>
-
 #include <rye/splat/cuda/sh_color.hpp>
 
 #include "../cuda/cases.hpp"
+#include "../cuda/emulated.hpp"
 
 using namespace rye;
 using namespace rye::test;
 
 namespace {
 
-HostMemory memory;
-const CudaQueue queue{nullptr, memory};
 using Three = KernelChannels<3>;
 
 } // namespace
 
 TEST_CASE("cuda, emulated: hard scenes in every order of threads") {
-    for (const auto order : {PhaseOrder::forward, PhaseOrder::backward, PhaseOrder::shuffled})
+    for (const auto order : phase_orders)
         for (const auto& s : hard_scenes<float>(3))
-            against<float, Three>(EmulatedDevice{order}, queue, s, Balanced(), {2e-6, 2e-5, 2e-2});
+            against<float, Three>(EmulatedDevice{order}, host_queue, s, Balanced(),
+                                  {2e-6, 2e-5, 2e-2});
 }
 
 TEST_CASE("cuda, emulated: lists equal the host's") {
-    for (const auto& s : hard_scenes<float>(3)) lists_equal<Balanced>(EmulatedDevice{}, queue, s);
-    lists_equal<Balanced>(EmulatedDevice{}, queue, random_scene<float>(2000, 3, 5));
+    for (const auto& s : hard_scenes<float>(3))
+        lists_equal<Balanced>(EmulatedDevice{}, host_queue, s);
+    lists_equal<Balanced>(EmulatedDevice{}, host_queue, random_scene<float>(2000, 3, 5));
 }
 
 TEST_CASE("cuda, emulated: a crowded tile") {
-    against<double, Three>(EmulatedDevice{PhaseOrder::shuffled}, queue, crowded(2500, true),
+    against<double, Three>(EmulatedDevice{PhaseOrder::shuffled}, host_queue, crowded(2500, true),
                            Balanced());
 }
 
 TEST_CASE("cuda, emulated: rules") {
-    against<float, Three>(EmulatedDevice{}, queue, random_scene<float>(200, 3, 5),
+    against<float, Three>(EmulatedDevice{}, host_queue, random_scene<float>(200, 3, 5),
                           Compatible3dgsFloor());
 }
 
 TEST_CASE("cuda, emulated: Fast where its rules decide clearly") {
-    fast_where_decided<Three>(EmulatedDevice{}, queue, 3);
+    fast_where_decided<Three>(EmulatedDevice{}, host_queue, 3);
 }
 
-TEST_CASE("cuda, emulated: bad input") { bad_input(EmulatedDevice{}, queue); }
+TEST_CASE("cuda, emulated: bad input") { bad_input(EmulatedDevice{}, host_queue); }
 
-TEST_CASE("cuda, emulated: too little room") { too_little_room(EmulatedDevice{}, queue); }
+TEST_CASE("cuda, emulated: too little room") { too_little_room(EmulatedDevice{}, host_queue); }
 
-TEST_CASE("cuda, emulated: too little memory") { too_little_memory(EmulatedDevice{}, queue); }
+TEST_CASE("cuda, emulated: too little memory") { too_little_memory(EmulatedDevice{}, host_queue); }
 
-TEST_CASE("cuda, emulated: contributors") { contributors(EmulatedDevice{}, queue); }
+TEST_CASE("cuda, emulated: contributors") { contributors(EmulatedDevice{}, host_queue); }
 
 TEST_CASE("cuda, emulated: channels as products of matrices") {
     for (const Index c : {5, 16, 20})
-        against<double, KernelChannels<16>>(EmulatedDevice{PhaseOrder::shuffled}, queue,
+        against<double, KernelChannels<16>>(EmulatedDevice{PhaseOrder::shuffled}, host_queue,
                                             random_scene<float>(150, c, 5), Balanced(),
                                             {4e-6, 2e-5, 2e-5});
-    equal_colours<KernelChannels<16>>(EmulatedDevice{}, queue, 16);
+    equal_colours<KernelChannels<16>>(EmulatedDevice{}, host_queue, 16);
 }
 TEST_CASE("cuda, emulated: equal colours have no gradient of shape") {
-    equal_colours<Three>(EmulatedDevice{}, queue, 3);
+    equal_colours<Three>(EmulatedDevice{}, host_queue, 3);
 }
 TEST_CASE("cuda, emulated: colours from harmonics are the host's") {
     const Index n = 150;
@@ -70,15 +69,15 @@ TEST_CASE("cuda, emulated: colours from harmonics are the host's") {
     const Vec3<float> eye(0.1F, 0.2F, -3);
     const Columns<float> g_rgb = noise<float>(3, n, 4);
     const EmulatedDevice device;
-    const DeviceArray<EmulatedDevice> mean(device, queue, cloud.mean),
-        constant(device, queue, cloud.sh_constant), rest(device, queue, cloud.sh_rest),
-        rgb(device, queue, 3, n), g(device, queue, g_rgb),
-        g_mean(device, queue, Columns<float>(Columns<float>::Zero(3, n))),
-        g_constant(device, queue, 3, n), g_rest(device, queue, 45, n);
+    const DeviceArray<EmulatedDevice> mean(device, host_queue, cloud.mean),
+        constant(device, host_queue, cloud.sh_constant), rest(device, host_queue, cloud.sh_rest),
+        rgb(device, host_queue, 3, n), g(device, host_queue, g_rgb),
+        g_mean(device, host_queue, Columns<float>(Columns<float>::Zero(3, n))),
+        g_constant(device, host_queue, 3, n), g_rest(device, host_queue, 45, n);
     const DeviceHarmonics<const float> in{mean.read(), constant.read(), rest.read()};
-    sh_colors_into<3>(queue, device, in, eye, rgb.buffer.data());
+    sh_colors_into<3>(host_queue, device, in, eye, rgb.buffer.data());
     CHECK(rgb.get() == sh_colors<3>(cloud, eye));
-    sh_colors_vjp_into<3>(queue, device, in, eye, g.buffer.data(),
+    sh_colors_vjp_into<3>(host_queue, device, in, eye, g.buffer.data(),
                           {g_mean.view(), g_constant.view(), g_rest.view()});
     gradient.mean.setZero();
     sh_colors_vjp<3>(cloud, eye, g_rgb, gradient);

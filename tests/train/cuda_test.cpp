@@ -1,28 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // The image terms of a training step on a device, run by its emulation on the host.
-#include <rye/backend/cuda/emulation.hpp>
-
+#include "../cuda/emulated.hpp"
 #include "../cuda/objective_cases.hpp"
 
 using namespace rye;
 using namespace rye::test;
 
-namespace {
-
-HostMemory memory;
-const CudaQueue queue{nullptr, memory};
-constexpr PhaseOrder orders[] = {PhaseOrder::forward, PhaseOrder::backward, PhaseOrder::shuffled};
-
-} // namespace
-
 TEST_CASE("cuda, emulated: the image terms of a step are the host's") {
     const EmulatedDevice device;
-    image_losses_against_host(device, queue, {});
-    image_losses_against_host(device, queue, {.eyes_high = false, .dssim = 0.4});
-    image_losses_against_host(device, queue,
+    image_losses_against_host(device, host_queue, {});
+    image_losses_against_host(device, host_queue, {.eyes_high = false, .dssim = 0.4});
+    image_losses_against_host(device, host_queue,
                               {.average = EyeAverage::mask, .scale = true, .face_alone = 0.7});
-    for (const auto order : orders)
-        image_losses_against_host(EmulatedDevice{order}, queue,
+    for (const auto order : phase_orders)
+        image_losses_against_host(EmulatedDevice{order}, host_queue,
                                   {.average = EyeAverage::mask,
                                    .blank_eyeballs = true,
                                    .scale = true,
@@ -30,5 +21,5 @@ TEST_CASE("cuda, emulated: the image terms of a step are the host's") {
                                    .dssim = 0.3});
 }
 TEST_CASE("cuda, emulated: the random scale of a picture is the host's") {
-    for (const auto order : orders) resizing_against_host(EmulatedDevice{order}, queue);
+    for (const auto order : phase_orders) resizing_against_host(EmulatedDevice{order}, host_queue);
 }

@@ -11,14 +11,11 @@
 
 #include "commands/options.hpp"
 #include "data/cameras_file.hpp"
+#include "data/degrees.hpp"
 #include "data/memory_limit.hpp"
 
 namespace rye::trainer {
 namespace {
-
-constexpr double degree = 3.14159265358979323846 / 180;
-
-Vec3<double> vector_of(const std::vector<double>& v) { return {v[0], v[1], v[2]}; }
 
 /// Returns the same view in another size, with the vertical field of view and the principal point's
 /// position relative to the height and to the middle column.

@@ -26,6 +26,9 @@ struct CameraOptions {
     bool given() const { return !eye.empty() || !file.empty(); }
 };
 
+/// Returns the three values of an option as a vector.
+inline Vec3<double> vector_of(const std::vector<double>& v) { return {v[0], v[1], v[2]}; }
+
 /// Default of each option in its help, such as "0,-1,0".
 struct CameraDefaults {
     std::string look_at, up, fov, size;

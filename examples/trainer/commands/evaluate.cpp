@@ -105,6 +105,61 @@ void print_tables(const std::vector<Row>& rows) {
         min_eye_pixels, missed_degrees);
 }
 
+/// Returns the capture with the corrections that the run was trained with.
+Capture read_corrected(const EvaluateOptions& o, const TrainState& state) {
+    Capture capture = read_valid_capture(capture_folder(o.run, state, o.capture, "measuring"));
+    require_same_subject(state, capture);
+    if (take_corrected(capture, load_corrected_cameras(o.run)) > 0 && !o.json)
+        std::printf("cameras with the numbers that were corrected before training are corrected\n");
+    if (state.config.correct_colours && !capture.train.empty() && capture.has_gaze())
+        correct_colours(capture, state.config);
+    if (!capture.camera_gains.empty() && !o.json)
+        std::printf("gains of cameras are taken out of the photographs\n");
+    if (!capture.frame_exposures.empty() && !o.json)
+        std::printf("exposures of frames are taken out of the photographs\n");
+    return capture;
+}
+
+std::string picture_name(const Capture& capture, int frame) {
+    return "frame_" + capture.frames[static_cast<std::size_t>(frame)].id + ".png";
+}
+
+/// Results of views, together, by kinds of frames, and as per_view.json lists them.
+struct Results {
+    ViewResult all;
+    std::map<std::string, ViewResult> groups;
+    Json per_view = Json::array();
+};
+
+/// Returns the results of views, which are sorted by frame.
+Results results_of(const Capture& capture, const std::vector<MeasuredView>& views,
+                   const std::vector<ViewResult>& found) {
+    Results results;
+    const auto in = [](const std::vector<int>& list, int f) {
+        return std::find(list.begin(), list.end(), f) != list.end();
+    };
+    for (std::size_t i = 0; i < views.size();) {
+        const int f = views[i].frame;
+        ViewResult frame;
+        for (; i < views.size() && views[i].frame == f; ++i) {
+            const ViewResult& r = found[i];
+            frame.add(r);
+            Json line = {{"frame", capture.frames[static_cast<std::size_t>(f)].id},
+                         {"camera", capture.camera_ids[static_cast<std::size_t>(views[i].camera)]}};
+            line.update(r.json());
+            if (views[i].pictured) {
+                line["picture"] = picture_name(capture, f);
+                line["eyes_box"] = r.eyes_box;
+            }
+            results.per_view.push_back(line);
+        }
+        results.all.add(frame);
+        if (in(capture.novel_gaze, f)) results.groups["novel gaze"].add(frame);
+        if (in(capture.independent_gaze, f)) results.groups["independent eyes"].add(frame);
+    }
+    return results;
+}
+
 void write_text(const std::filesystem::path& path, const std::string& text) {
     write_atomic(path, std::as_bytes(std::span(text)));
 }
@@ -158,16 +213,7 @@ Json align_head(const EvaluateOptions& o, Capture& capture, const std::vector<in
 void evaluate(const EvaluateOptions& o) {
     set_threads(o.threads);
     const TrainState state = load_trained(o.run);
-    Capture capture = read_valid_capture(capture_folder(o.run, state, o.capture, "measuring"));
-    require_same_subject(state, capture);
-    if (take_corrected(capture, load_corrected_cameras(o.run)) > 0 && !o.json)
-        std::printf("cameras with the numbers that were corrected before training are corrected\n");
-    if (state.config.correct_colours && !capture.train.empty() && capture.has_gaze())
-        correct_colours(capture, state.config);
-    if (!capture.camera_gains.empty() && !o.json)
-        std::printf("gains of cameras are taken out of the photographs\n");
-    if (!capture.frame_exposures.empty() && !o.json)
-        std::printf("exposures of frames are taken out of the photographs\n");
+    Capture capture = read_corrected(o, state);
     std::vector<int> frames = o.split == "train" ? capture.train : capture.test;
     if (o.split == "novel") frames = capture.novel_gaze;
     if (o.split == "independent") frames = capture.independent_gaze;
@@ -186,39 +232,12 @@ void evaluate(const EvaluateOptions& o) {
         for (int c = 0; c < capture.camera_count(); ++c)
             if (capture.view(f, c).present) views.push_back({f, c, c == frontal});
     }
-    const auto picture_of = [&](const MeasuredView& v) {
-        return "frame_" + capture.frames[static_cast<std::size_t>(v.frame)].id + ".png";
-    };
     const std::vector<ViewResult> found =
         evaluation.views(views, [&](std::size_t i, const Image<float>& picture) {
-            write_png(pictures / picture_of(views[i]), picture);
+            write_png(pictures / picture_name(capture, views[i].frame), picture);
         });
 
-    std::map<std::string, ViewResult> groups;
-    ViewResult all;
-    Json per_view = Json::array();
-    const auto in = [](const std::vector<int>& list, int f) {
-        return std::find(list.begin(), list.end(), f) != list.end();
-    };
-    for (std::size_t i = 0; i < views.size();) {
-        const int f = views[i].frame;
-        ViewResult frame;
-        for (; i < views.size() && views[i].frame == f; ++i) {
-            const ViewResult& r = found[i];
-            frame.add(r);
-            Json line = {{"frame", capture.frames[static_cast<std::size_t>(f)].id},
-                         {"camera", capture.camera_ids[static_cast<std::size_t>(views[i].camera)]}};
-            line.update(r.json());
-            if (views[i].pictured) {
-                line["picture"] = picture_of(views[i]);
-                line["eyes_box"] = r.eyes_box;
-            }
-            per_view.push_back(line);
-        }
-        all.add(frame);
-        if (in(capture.novel_gaze, f)) groups["novel gaze"].add(frame);
-        if (in(capture.independent_gaze, f)) groups["independent eyes"].add(frame);
-    }
+    const auto [all, groups, per_view] = results_of(capture, views, found);
     Json results = {{"split", o.split},         {"frames", frames.size()},
                     {"views", per_view.size()}, {"step", state.step},
                     {"device", drawer.name()},  {"missed_degrees", missed_degrees},

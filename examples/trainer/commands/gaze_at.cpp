@@ -12,11 +12,11 @@
 #include <rye/core/parse.hpp>
 
 #include "commands/options.hpp"
+#include "data/degrees.hpp"
 
 namespace rye::trainer {
 namespace {
 
-constexpr double degree = 3.14159265358979323846 / 180;
 constexpr double most_coordinate = 1e9;
 constexpr std::string_view in_head = "head:";
 

@@ -11,19 +11,19 @@
 #include <rye/rig/idle_eyes.hpp>
 
 #include "commands/options.hpp"
+#include "data/degrees.hpp"
 #include "data/memory_limit.hpp"
 
 namespace rye::trainer {
 namespace {
 
-constexpr double degree = 3.14159265358979323846 / 180;
 /// Turn of the upper lid [rad] from open to closed, of which --idle makes weights: about 40
 /// degrees.
 constexpr double lid_turn = 0.7;
 /// Largest weight of a blink below which a run has not seen a closed eye.
 constexpr float half_closed = 0.5f;
 
-const std::vector<std::string> parts{"saccades", "drift", "blinks", "lid-lag", "vor"};
+const std::vector<std::string> idle_parts{"saccades", "drift", "blinks", "lid-lag", "vor"};
 
 /// Returns the name in small letters, without what is between its words.
 std::string plain(const std::string& name) {
@@ -123,7 +123,7 @@ void add_idle_options(CLI::App& command, IdleOptions& o) {
                     "then turn with the head)")
         ->needs(idle)
         ->delimiter(',')
-        ->check(CLI::IsMember(parts));
+        ->check(CLI::IsMember(idle_parts));
 }
 
 LidCoefficients::LidCoefficients(const Capture& capture) {

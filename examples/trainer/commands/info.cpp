@@ -18,6 +18,7 @@
 #include "commands/info_json.hpp"
 #include "commands/options.hpp"
 #include "data/checksums.hpp"
+#include "data/degrees.hpp"
 #include "data/validate.hpp"
 #include "training/camera_colours.hpp"
 #include "training/cameras.hpp"
@@ -26,8 +27,6 @@
 
 namespace rye::trainer {
 namespace {
-
-constexpr double degrees = 57.29577951308232;
 
 /// Returns a line "label   text".
 std::string line(const std::string& label, const std::string& text) {

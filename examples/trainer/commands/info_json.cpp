@@ -5,14 +5,13 @@
 
 #include <rye/rig/gaze.hpp>
 
+#include "data/degrees.hpp"
 #include "data/validate.hpp"
 
 namespace rye::trainer {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-constexpr double degrees = 57.29577951308232;
 
 Json ids_of(const Capture& c, const std::vector<int>& frames) {
     Json ids = Json::array();

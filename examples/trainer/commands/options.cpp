@@ -15,6 +15,7 @@
 #include <rye/rig/gaze.hpp>
 
 #include "data/corrected_cameras.hpp"
+#include "data/degrees.hpp"
 #include "data/memory_limit.hpp"
 #include "data/run_frames.hpp"
 #include "data/validate.hpp"
@@ -91,7 +92,6 @@ Vec3<float> gaze_option(const std::vector<double>& pitch_yaw_deg, const std::str
         require(
             std::isfinite(a) && std::abs(a) <= 70, option, "got ",
             [&] { return std::to_string(a); }, " degrees, expected at most 70 either way");
-    constexpr double degree = 3.14159265358979323846 / 180;
     return gaze_vector(pitch_yaw_deg[0] * degree, pitch_yaw_deg[1] * degree).cast<float>();
 }
 

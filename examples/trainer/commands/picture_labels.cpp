@@ -8,13 +8,13 @@
 
 #include <rye/core/error.hpp>
 
+#include "data/degrees.hpp"
 #include "data/out_format.hpp"
 
 namespace rye::trainer {
 namespace {
 
 using Json = nlohmann::ordered_json;
-constexpr double degree = 3.14159265358979323846 / 180;
 
 /// Returns a number with the digits that one of a float has.
 double rounded(double x) { return std::round(x * 1e6) / 1e6 + 0.0; }

@@ -10,6 +10,7 @@
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
 #include "data/corrected_cameras.hpp"
+#include "data/degrees.hpp"
 #include "data/samples.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
@@ -19,8 +20,6 @@
 
 namespace rye::trainer {
 namespace {
-
-constexpr double degree = 0.017453292519943295;
 
 struct RefineCommand {
     std::filesystem::path run, capture, out;

@@ -51,8 +51,6 @@ void write_picture(const std::string& out, const Image<float>& picture) {
         write_png(out, picture);
 }
 
-Vec3<double> vector_of(const std::vector<double>& v) { return {v[0], v[1], v[2]}; }
-
 /// Formats of --out.
 const std::vector<OutFormat> formats{OutFormat::png, OutFormat::jpeg};
 

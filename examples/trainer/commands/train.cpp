@@ -490,6 +490,79 @@ std::string words_of_doublings(const TrainConfig& config, const Capture& capture
            " pixels: gaussians.upsampler.doublings is " + std::to_string(doublings);
 }
 
+/// Inputs of a run, read and checked, and what is told about them.
+struct Start {
+    TrainState state;
+    Capture capture;
+    LabelFindings labels;            ///< about labels and colours, which are corrected
+    CameraFindings cameras;          ///< about cameras, which are corrected
+    std::vector<std::string> expect; ///< warnings
+    std::vector<std::string> words;  ///< lines about what the capture changes in the configuration
+};
+
+/// Corrects what the configuration says of the capture's labels, cameras and colours.
+void correct(const TrainConfig& config, Start& s) {
+    if (!s.capture.has_gaze()) return;
+    if (config.correct_cameras) s.cameras = correct_cameras(s.capture, config);
+    if (config.correct_labels) s.labels = correct_labels(s.capture, config);
+    if (config.correct_colours)
+        for (LabelFinding& f : correct_colours(s.capture, config))
+            s.labels.all.push_back(std::move(f));
+}
+
+Start read_start(const TrainOptions& o) {
+    Start s;
+    std::filesystem::path folder = o.capture;
+    if (o.resume) {
+        s.state = load_checkpoint(o.out);
+        folder = capture_folder(o.out, s.state, folder, "training");
+        take_steps(o, s.state.config);
+    }
+    require(!folder.empty(), "rye train", "--capture is missing, expected the folder of a capture");
+    const TrainConfig config = o.resume ? s.state.config : config_of(o);
+    s.capture = read_trainable_capture(folder, &s.expect);
+    correct(config, s);
+    if (o.resume) {
+        check_resumed(o, s.state, s.capture);
+        return s;
+    }
+    s.state = first_state(config, s.capture, folder);
+    s.words.push_back(refine_further(s.labels, s.state.config));
+    s.words.push_back(flatten_for_one_camera(s.capture, s.state.config));
+    if (config.gaussians.auto_doublings)
+        s.words.push_back(words_of_doublings(s.state.config, s.capture));
+    return s;
+}
+
+/// Sets the mesh that a new run begins with: that of --begin, or one of random numbers.
+void begin_mesh(const TrainOptions& o, TrainState& state) {
+    if (!o.begin.empty()) return take_stage_one(o.begin, state);
+    state.mesh = Mesh::init(state.config.avatar, state.subject.neutral.cast<float>(),
+                            Random{state.config.seed, 0});
+    state.mesh_adam = Adam<Mesh>(state.mesh);
+}
+
+/// Prints what is told of a start, and the lines of `more`.
+void tell(const TrainOptions& o, const Start& s, const std::string& preset,
+          const std::vector<std::string>& more) {
+    for (const std::string& words : s.expect) std::cerr << "rye: warning: " << words << "\n";
+    if (preset.starts_with("paper") && o.perceptual_weights.empty())
+        std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
+                     "VGG16 term is replaced by one of gradient pyramids\n";
+    if (quiet(o)) return;
+    for (const auto& lines : {s.cameras.lines(), s.labels.lines(), s.words, more})
+        for (const std::string& line : lines)
+            if (!line.empty()) std::cout << line << "\n";
+}
+
+void log_findings(const Start& s, Trainer& trainer) {
+    if (s.labels.empty() && s.cameras.empty()) return;
+    Json line = {{"stage", "labels"}, {"step", 0}};
+    if (!s.labels.empty()) line.update(s.labels.json());
+    if (!s.cameras.empty()) line["cameras"] = s.cameras.json();
+    trainer.log(line);
+}
+
 int train(const TrainOptions& o) {
     if (o.print_config) {
         std::cout << to_json(config_of(o)).dump(2) << "\n";
@@ -508,45 +581,17 @@ int train(const TrainOptions& o) {
     require(!o.resume || o.begin.empty(), "rye train",
             "--resume and --begin exclude each other: a run goes on from its own checkpoint");
     // Checks all inputs before writing anything.
-    TrainState state;
-    std::filesystem::path folder = o.capture;
-    if (o.resume) {
-        state = load_checkpoint(o.out);
-        folder = capture_folder(o.out, state, folder, "training");
-        take_steps(o, state.config);
-    }
-    require(!folder.empty(), "rye train", "--capture is missing, expected the folder of a capture");
-    const TrainConfig config = o.resume ? state.config : config_of(o);
-    std::vector<std::string> expect;
-    Capture capture = read_trainable_capture(folder, &expect);
-    LabelFindings labels;
-    CameraFindings cameras;
-    if (config.correct_cameras && capture.has_gaze()) cameras = correct_cameras(capture, config);
-    if (config.correct_labels && capture.has_gaze()) labels = correct_labels(capture, config);
-    if (config.correct_colours && capture.has_gaze())
-        for (LabelFinding& f : correct_colours(capture, config)) labels.all.push_back(std::move(f));
-    if (o.resume) check_resumed(o, state, capture);
-    else state = first_state(config, capture, folder);
-    const std::string refined = o.resume ? "" : refine_further(labels, state.config);
-    const std::string flat = o.resume ? "" : flatten_for_one_camera(capture, state.config);
-    const std::string drawn = !o.resume && config.gaussians.auto_doublings
-                                  ? words_of_doublings(state.config, capture)
-                                  : "";
-    const RunSize size = run_size(state.config, state.subject, capture.width, capture.height);
-    require_room(size, most_memory(), o.config.empty() ? "--preset " + config.preset
-                                                       : o.config.string());
+    Start start = read_start(o);
+    const std::string preset = start.state.config.preset;
+    const RunSize size = run_size(start.state.config, start.state.subject, start.capture.width,
+                                  start.capture.height);
+    require_room(size, most_memory(), o.config.empty() ? "--preset " + preset : o.config.string());
     check_perceptual_weights(o.perceptual_weights);
-    const TrainedOn on = trained_on(o, state, capture);
-    const std::string mark = frames_mark(capture);
-    const bool other_frames = o.resume && state.frames != mark;
-    state.frames = mark;
-    if (!o.begin.empty()) {
-        take_stage_one(o.begin, state);
-    } else if (!o.resume) {
-        state.mesh = Mesh::init(state.config.avatar, state.subject.neutral.cast<float>(),
-                                Random{state.config.seed, 0});
-        state.mesh_adam = Adam<Mesh>(state.mesh);
-    }
+    const TrainedOn on = trained_on(o, start.state, start.capture);
+    const std::string mark = frames_mark(start.capture);
+    const bool other_frames = o.resume && start.state.frames != mark;
+    start.state.frames = mark;
+    if (!o.resume) begin_mesh(o, start.state);
     if (!lock) {
         make_run_folder(o.out);
         lock.emplace(o.out, as_training);
@@ -554,30 +599,13 @@ int train(const TrainOptions& o) {
                 "holds a run since a moment ago, of another training");
     }
     std::signal(SIGXFSZ, SIG_IGN);  // exceeding the file size limit becomes an error, not a signal
-    Trainer trainer(o, on.device, std::move(capture), std::move(state),
+    Trainer trainer(o, on.device, std::move(start.capture), std::move(start.state),
                     o.resume ? Beginning::resumed
                     : there  ? Beginning::replacing
                              : Beginning::fresh);
     // After all checks that may fail: an error is one line.
-    for (const std::string& words : expect) std::cerr << "rye: warning: " << words << "\n";
-    if (config.preset.starts_with("paper") && o.perceptual_weights.empty())
-        std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
-                     "VGG16 term is replaced by one of gradient pyramids\n";
-    if (!quiet(o)) {
-        for (const std::string& line : cameras.lines()) std::cout << line << "\n";
-        for (const std::string& line : labels.lines()) std::cout << line << "\n";
-    }
-    if (!quiet(o))
-        for (const std::string& words : {refined, flat, drawn})
-            if (!words.empty()) std::cout << words << "\n";
-    if (!o.resume && !(labels.empty() && cameras.empty())) {
-        Json line = {{"stage", "labels"}, {"step", 0}};
-        if (!labels.empty()) line.update(labels.json());
-        if (!cameras.empty()) line["cameras"] = cameras.json();
-        trainer.log(line);
-    }
-    if (!quiet(o)) std::cout << text_of(size) << "\n";
-    if (!quiet(o) && !on.words.empty()) std::cout << on.words << "\n";
+    tell(o, start, preset, {text_of(size), on.words});
+    if (!o.resume) log_findings(start, trainer);
     if (!o.begin.empty()) trainer.begin_after(o.begin);
     if (other_frames) trainer.save(); // to match the frames now beside it
     std::signal(SIGINT, request_stop);

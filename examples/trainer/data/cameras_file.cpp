@@ -6,6 +6,7 @@
 #include <charconv>
 #include <cmath>
 
+#include "data/degrees.hpp"
 #include "data/json_fields.hpp"
 #include "data/picture.hpp"
 
@@ -13,9 +14,6 @@ namespace rye::trainer {
 namespace {
 
 using Json = nlohmann::json;
-
-constexpr double degree = 3.14159265358979323846 / 180;
-constexpr double most_off_rotation = 1e-3;
 
 /// Fields of a camera; a field that it lacks is the whole file's, or null.
 struct Fields {

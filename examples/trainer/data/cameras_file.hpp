@@ -12,6 +12,9 @@
 
 namespace rye::trainer {
 
+/// Largest deviation of a number of R R' from the identity, of a camera's rotation R in a file.
+inline constexpr double most_off_rotation = 1e-3;
+
 /// Parses WxH, each 1 to max_image_edge pixels; throws an Error that begins with `who` for anything
 /// else.
 ImageSize parsed_size(const std::string& text, const std::string& who);

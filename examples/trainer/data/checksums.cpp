@@ -13,7 +13,7 @@ namespace rye::trainer {
 namespace {
 
 namespace fs = std::filesystem;
-constexpr const char* field = "checksum";
+constexpr const char* checksum_field = "checksum";
 
 template <class Json>
 std::string checksum_of(const Json& object) {
@@ -24,17 +24,17 @@ std::string checksum_of(const Json& object) {
 
 template <class Json>
 Checked taken(Json& object) {
-    if (!object.is_object() || !object.contains(field)) return Checked::none;
-    const Json stated = object.at(field);
-    object.erase(field);
+    if (!object.is_object() || !object.contains(checksum_field)) return Checked::none;
+    const Json stated = object.at(checksum_field);
+    object.erase(checksum_field);
     return stated == checksum_of(object) ? Checked::right : Checked::wrong;
 }
 
 } // namespace
 
 std::string checked_text(nlohmann::ordered_json object, int indent) {
-    object.erase(field); // of the file it was read from
-    object[field] = checksum_of(object);
+    object.erase(checksum_field); // of the file it was read from
+    object[checksum_field] = checksum_of(object);
     return object.dump(indent) + "\n";
 }
 

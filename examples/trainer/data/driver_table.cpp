@@ -14,12 +14,12 @@
 #include <rye/core/memory.hpp>
 #include <rye/core/parse.hpp>
 
+#include "data/degrees.hpp"
 #include "data/memory_limit.hpp"
 
 namespace rye::trainer {
 namespace {
 
-constexpr double degree = 3.14159265358979323846 / 180;
 constexpr std::uint64_t most_bytes = 1ULL << 30U;
 constexpr double most_pitch = 90, most_yaw = 180; // of any direction
 constexpr double most_number = 1e9;

@@ -2,7 +2,6 @@
 #include "data/flaw_labels.hpp"
 
 #include <cmath>
-#include <numbers>
 #include <span>
 #include <string>
 #include <vector>
@@ -11,10 +10,11 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/degrees.hpp"
+
 namespace rye::trainer {
 namespace {
 
-constexpr double degree = std::numbers::pi / 180;
 constexpr std::array sides{"left", "right"};
 
 std::vector<double> values_of(const NpzArrays& arrays, const std::string& name,

@@ -9,6 +9,7 @@
 
 #include <rye/capture/safetensors.hpp>
 
+#include "data/cameras_file.hpp"
 #include "data/checksums.hpp"
 #include "data/json.hpp"
 
@@ -22,7 +23,6 @@ constexpr const char* format_name = "rye-frames";
 constexpr const char* format_version = "1";
 constexpr Index landmark_count = 66;
 constexpr double most_off_unit = 1e-3;     // as in the checks of a capture
-constexpr double most_off_rotation = 1e-3; // as in the reader of cameras
 
 /// Number of a camera's intrinsic and extrinsic numbers.
 constexpr Index intrinsic_numbers = 4, extrinsic_numbers = 12;

@@ -17,6 +17,7 @@
 
 #include "data/checksums.hpp"
 #include "data/config.hpp"
+#include "data/degrees.hpp"
 #include "data/expression_shapes.hpp"
 #include "data/median.hpp"
 
@@ -25,7 +26,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double degrees = 57.29577951308232;
 constexpr double head_span = 2.2;      ///< of 66 landmarks of an adult [dm]
 constexpr double usual_distance = 4.5; ///< of a camera, in spans of the head
 constexpr int max_sampled_views = 64;

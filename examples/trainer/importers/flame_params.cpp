@@ -8,13 +8,12 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/degrees.hpp"
 #include "data/memory_limit.hpp"
 #include "importers/import_folder.hpp"
 
 namespace rye::trainer {
 namespace {
-
-constexpr double degrees = 57.29577951308232;
 
 /// Returns the finite numbers of an array, `count` of them, or any number if count is 0.
 std::vector<double> array_of(const NpzArrays& arrays, const char* name, std::size_t count,

@@ -11,12 +11,12 @@
 #include <rye/core/parse.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/degrees.hpp"
 #include "data/memory_limit.hpp"
 
 namespace rye::trainer {
 namespace {
 
-constexpr double degrees = 57.29577951308232;
 constexpr const char* header = "frame,left_pitch,left_yaw,right_pitch,right_yaw";
 
 std::vector<std::string> fields(std::string line) {

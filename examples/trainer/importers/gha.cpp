@@ -16,6 +16,7 @@
 
 #include "data/checksums.hpp"
 #include "data/config.hpp"
+#include "data/degrees.hpp"
 #include "data/json.hpp"
 #include "data/median.hpp"
 #include "data/threads.hpp"
@@ -31,7 +32,6 @@ namespace {
 namespace fs = std::filesystem;
 using Json = ImportFolder::Json;
 
-constexpr double degrees = 57.29577951308232;
 constexpr double limbus_share = 0.49, iris_share = 0.87; // shares of an average eye's radius
 
 Mat3<double> rotation_of(const CaptureFrame& f) { return so3_exp(Vec3<double>(f.pose.head<3>())); }

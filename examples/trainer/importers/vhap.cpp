@@ -13,6 +13,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/degrees.hpp"
 #include "data/json.hpp"
 #include "data/memory_limit.hpp"
 #include "data/photographs.hpp"
@@ -27,7 +28,6 @@ namespace {
 namespace fs = std::filesystem;
 using Json = ImportFolder::Json;
 
-constexpr double degrees = 57.29577951308232;
 /// Middle of the eyeballs in the head frame; the origin is then near the middle of the head.
 const Vec3<double> eyes_in_head(0, 0.35, 0.8);
 /// Largest difference between the head's rotation by the meshes and by the parameters of a frame

@@ -25,6 +25,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/degrees.hpp"
 #include "importers/face_geometry.hpp"
 #include "importers/hdf5_file.hpp"
 #include "importers/import_folder.hpp"
@@ -36,7 +37,6 @@ namespace {
 namespace fs = std::filesystem;
 using Json = ImportFolder::Json;
 
-constexpr double degrees = 57.29577951308232;
 constexpr int camera_count = 18;
 constexpr Index landmark_count = 68;
 /// Middle of the lids in the head frame.

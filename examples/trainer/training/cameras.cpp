@@ -12,6 +12,7 @@
 #include <rye/math/rotation.hpp>
 
 #include "data/corrected_cameras.hpp"
+#include "data/degrees.hpp"
 #include "data/median.hpp"
 #include "data/samples.hpp"
 #include "training/camera_fit.hpp"
@@ -22,7 +23,6 @@
 namespace rye::trainer {
 namespace {
 
-constexpr double degree = 3.14159265358979323846 / 180;
 /// Bound on CameraFinding::off [mm]. The correct cameras of six rendered heads, of rye's own, ICT's
 /// and MakeHuman's, seem off by up to 0.8 mm, and by 1.1 with wrong poses and landmarks.
 constexpr double bound = 1.5;

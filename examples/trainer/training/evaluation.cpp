@@ -7,6 +7,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/degrees.hpp"
 #include "data/panel.hpp"
 #include "data/threads.hpp"
 
@@ -14,7 +15,6 @@ namespace rye::trainer {
 namespace {
 
 using Json = nlohmann::ordered_json;
-constexpr double degrees = 180 / 3.14159265358979323846;
 
 /// Areas over which image quality is measured, as 1 x pixels masks of 0 and 1.
 struct Areas {

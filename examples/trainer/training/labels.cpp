@@ -11,6 +11,7 @@
 #include <rye/train/expression_labels.hpp>
 #include <rye/train/label_consistency.hpp>
 
+#include "data/degrees.hpp"
 #include "data/expression_shapes.hpp"
 #include "data/median.hpp"
 #include "training/centre_errors.hpp"
@@ -19,8 +20,6 @@
 
 namespace rye::trainer {
 namespace {
-
-constexpr double degree = 3.14159265358979323846 / 180;
 
 /// Returns the root mean square.
 double rms(const std::vector<double>& v) {

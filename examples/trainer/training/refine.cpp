@@ -6,6 +6,7 @@
 
 #include <rye/avatar/hold.hpp>
 
+#include "data/degrees.hpp"
 #include "data/median.hpp"
 #include "data/samples.hpp"
 #include "training/playable.hpp"
@@ -16,7 +17,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 using Refiner = LabelRefiner<TrainBackend, float, TrainedEffects>;
-constexpr double degrees = 57.29577951308232;
 
 /// Returns the mask widened by `reach` pixels.
 Columns<float> widened(const Image<float>& mask, int reach) {

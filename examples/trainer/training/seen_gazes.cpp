@@ -8,12 +8,11 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/degrees.hpp"
 #include "data/threads.hpp"
 
 namespace rye::trainer {
 namespace {
-
-constexpr double degree = 3.14159265358979323846 / 180;
 
 /// Standard deviations of (pitch, yaw) of a sharp iris, and of the error that all views share. Lids
 /// hide the upper and the lower rim, so yaw is more accurate. Measured on a path-traced capture; on

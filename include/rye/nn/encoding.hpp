@@ -101,10 +101,12 @@ struct PositionalEncoding {
     static constexpr Index size(Index values, int frequencies) {
         return encoded_size(values, frequencies);
     }
-    static auto encode(const auto& x, int frequencies) {
+    template <class X>
+    static Columns<typename X::Scalar> encode(const X& x, int frequencies) {
         return positional_encoding(x, frequencies);
     }
-    static auto vjp(const auto& code, const auto& g, int frequencies) {
+    template <class Y, class G>
+    static Columns<typename Y::Scalar> vjp(const Y& code, const G& g, int frequencies) {
         return positional_encoding_vjp(code, g, frequencies);
     }
 };

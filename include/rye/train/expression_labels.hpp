@@ -38,6 +38,114 @@ struct ExpressionSettings {
     double shift = 0.2;  ///< standard deviation of its shift [unit]
 };
 
+namespace detail {
+
+/// Unknowns of align_expressions for E coefficients, F frames and L landmarks.
+struct ExpressionFit {
+    const std::vector<Columns<double>>& frames; ///< 3 x L each
+    const Columns<double>& shapes;              ///< E x 3 L
+    const Columns<double>& labels;              ///< E x F
+    Columns<double> change;                     ///< of the labels, E x F
+    std::vector<RigidMotion> motion;            ///< of each frame, to the head at rest
+    VecX<double> noise2; ///< variance of a coordinate of each landmark, L
+    double off2;         ///< variance of a coefficient's error
+
+    Index count() const { return static_cast<Index>(frames.size()); }
+    Index landmarks() const { return noise2.size(); }
+
+    /// Returns the landmarks of each frame, 3 x L, moved to the head at rest and without their
+    /// expression, less their mean over frames.
+    std::vector<Columns<double>> residuals() const {
+        std::vector<Columns<double>> rest(frames.size());
+        Columns<double> mean = Columns<double>::Zero(3, landmarks());
+        for (Index f = 0; f < count(); ++f) {
+            const auto at = static_cast<std::size_t>(f);
+            rest[at] = motion[at](frames[at]);
+            rest[at].reshaped() -= shapes.transpose() * (labels.col(f) + change.col(f));
+            mean += rest[at] / static_cast<double>(count());
+        }
+        for (Columns<double>& r : rest) r -= mean;
+        return rest;
+    }
+
+    /// Moves coefficients and motions by one round of least squares.
+    void step(const ExpressionSettings& settings) {
+        const Index n = count(), e = shapes.rows();
+        const double turn2 = settings.turn * settings.turn;
+        const double shift2 = settings.shift * settings.shift;
+        const std::vector<Columns<double>> rest = residuals();
+        VecX<double> weight(3 * landmarks());
+        for (Index l = 0; l < landmarks(); ++l)
+            weight.segment<3>(3 * l).setConstant(1 / noise2[l]);
+        const Eigen::MatrixXd weighted = shapes * weight.asDiagonal(); // E x 3 L
+        Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(6 + e, 6 + e);
+        normal.bottomRightCorner(e, e) = weighted * shapes.transpose();
+        normal.bottomRightCorner(e, e).diagonal().array() += 1 / off2;
+        double next_off2 = 0;
+        std::vector<Vec<double, 6>> steps(frames.size());
+        for (Index f = 0; f < n; ++f) {
+            const auto at = static_cast<std::size_t>(f);
+            const Columns<double> moved = motion[at](frames[at]);
+            const VecX<double> residual = rest[at].reshaped();
+            Eigen::MatrixXd j(3 * landmarks(), 6);
+            for (Index l = 0; l < landmarks(); ++l)
+                j.middleRows<3>(3 * l) = motion_jacobian(Vec3<double>(moved.col(l)));
+            const Eigen::MatrixXd wj = weight.asDiagonal() * j;
+            normal.topLeftCorner(6, 6) = j.transpose() * wj;
+            normal.topLeftCorner(6, 6).diagonal().head(3).array() += 1 / turn2;
+            normal.topLeftCorner(6, 6).diagonal().tail(3).array() += 1 / shift2;
+            normal.bottomLeftCorner(e, 6) = -shapes * wj;
+            VecX<double> right(6 + e);
+            Vec<double, 6> total;
+            total << so3_log(motion[at].rotation), motion[at].translation;
+            right.head(6) = -(wj.transpose() * residual);
+            right.head(3) -= total.head<3>() / turn2;
+            right.segment(3, 3) -= total.tail<3>() / shift2;
+            right.tail(e) = weighted * residual - change.col(f) / off2;
+            const Eigen::LDLT<Eigen::MatrixXd, Eigen::Lower> solver(normal);
+            const VecX<double> solution = solver.solve(right);
+            const VecX<double> variance =
+                solver.solve(Eigen::MatrixXd::Identity(6 + e, 6 + e)).diagonal().tail(e);
+            steps[at] = solution.head(6);
+            change.col(f) += solution.tail(e);
+            next_off2 += (change.col(f).squaredNorm() + variance.sum()) /
+                         static_cast<double>(e * n);
+        }
+        // What all frames have in common is the head at rest.
+        change.colwise() -= change.rowwise().mean().eval();
+        move(steps);
+        off2 = std::max(next_off2, 1e-10);
+    }
+
+    /// Moves each frame, so that the mean of all motions is the identity.
+    void move(const std::vector<Vec<double, 6>>& steps) {
+        Vec3<double> turn = Vec3<double>::Zero(), shift = Vec3<double>::Zero();
+        for (std::size_t f = 0; f < frames.size(); ++f) {
+            RigidMotion& m = motion[f];
+            m = RigidMotion{so3_exp(Vec3<double>(steps[f].head<3>())),
+                            Vec3<double>(steps[f].tail<3>())} *
+                m;
+            turn += so3_log(m.rotation) / static_cast<double>(count());
+            shift += m.translation / static_cast<double>(count());
+        }
+        const RigidMotion back = RigidMotion{so3_exp(turn), shift}.inverse();
+        for (RigidMotion& m : motion) m = back * m;
+    }
+
+    /// Estimates the variance of each landmark anew.
+    void weigh_landmarks(const ExpressionSettings& settings) {
+        VecX<double> squares = VecX<double>::Zero(landmarks());
+        for (const Columns<double>& r : residuals())
+            squares += r.colwise().squaredNorm().transpose() /
+                       (3 * static_cast<double>(count() - 1));
+        // A landmark that seems exact by chance must not decide alone.
+        const double all = squares.mean();
+        noise2 = squares.array().max(0.1 * all).max(1e-6 * settings.noise * settings.noise);
+    }
+};
+
+} // namespace detail
+
 /// Returns the coefficients and rigid motions by which the landmarks of all frames, 3 x L in the
 /// frame of their head pose, are one head at rest and its displacements. shapes: E x 3 L, the
 /// displacement (e, 3 l + axis) by a coefficient of 1; labels: E x F. Landmarks that something else
@@ -56,92 +164,23 @@ inline AlignedExpressions align_expressions(const std::vector<Columns<double>>& 
             labels.rows(), " x ", labels.cols(), ", expected ", e, " x ", n);
     require(n == 0 || shapes.cols() == 3 * landmarks, "align_expressions: shapes", "got ",
             shapes.cols(), " columns, expected 3 for each of ", landmarks, " landmarks");
-    AlignedExpressions a{labels, std::vector<RigidMotion>(frames.size()), 0, 0, 0};
-    if (n < 3 || e == 0) return a;
-    Columns<double> change = Columns<double>::Zero(e, n);
-    double off2 = settings.off * settings.off;
-    const double turn2 = settings.turn * settings.turn, shift2 = settings.shift * settings.shift;
-    // Variance of a coordinate of each landmark, and of its frames as moved to the head at rest.
-    VecX<double> noise2 =
-        VecX<double>::Constant(landmarks, settings.noise * settings.noise);
-    std::vector<Columns<double>> rest(frames.size());
-    const auto remove_expressions = [&] {
-        Columns<double> mean = Columns<double>::Zero(3, landmarks);
-        for (Index f = 0; f < n; ++f) {
-            const auto at = static_cast<std::size_t>(f);
-            rest[at] = a.motion[at](frames[at]);
-            rest[at].reshaped() -= shapes.transpose() * (labels.col(f) + change.col(f));
-            mean += rest[at] / static_cast<double>(n);
-        }
-        for (Columns<double>& r : rest) r -= mean;
-    };
+    if (n < 3 || e == 0) return {labels, std::vector<RigidMotion>(frames.size()), 0, 0, 0};
+    detail::ExpressionFit fit{
+        frames,
+        shapes,
+        labels,
+        Columns<double>::Zero(e, n),
+        std::vector<RigidMotion>(frames.size()),
+        VecX<double>::Constant(landmarks, settings.noise * settings.noise),
+        settings.off * settings.off};
     for (int round = 0; round < settings.rounds; ++round) {
-        remove_expressions();
-        VecX<double> weight(3 * landmarks);
-        for (Index l = 0; l < landmarks; ++l) weight.segment<3>(3 * l).setConstant(1 / noise2[l]);
-        const Eigen::MatrixXd weighted = shapes * weight.asDiagonal(); // E x 3 L
-        Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(6 + e, 6 + e);
-        normal.bottomRightCorner(e, e) = weighted * shapes.transpose();
-        normal.bottomRightCorner(e, e).diagonal().array() += 1 / off2;
-        double next_off2 = 0;
-        std::vector<Vec<double, 6>> steps(frames.size());
-        for (Index f = 0; f < n; ++f) {
-            const auto at = static_cast<std::size_t>(f);
-            const Columns<double> moved = a.motion[at](frames[at]);
-            const VecX<double> residual = rest[at].reshaped();
-            Eigen::MatrixXd j(3 * landmarks, 6);
-            for (Index l = 0; l < landmarks; ++l)
-                j.middleRows<3>(3 * l) =
-                    detail::motion_jacobian(Vec3<double>(moved.col(l)));
-            const Eigen::MatrixXd wj = weight.asDiagonal() * j;
-            normal.topLeftCorner(6, 6) = j.transpose() * wj;
-            normal.topLeftCorner(6, 6).diagonal().head(3).array() += 1 / turn2;
-            normal.topLeftCorner(6, 6).diagonal().tail(3).array() += 1 / shift2;
-            normal.bottomLeftCorner(e, 6) = -shapes * wj;
-            VecX<double> right(6 + e);
-            Vec<double, 6> total;
-            total << so3_log(a.motion[at].rotation), a.motion[at].translation;
-            right.head(6) = -(wj.transpose() * residual);
-            right.head(3) -= total.head<3>() / turn2;
-            right.segment(3, 3) -= total.tail<3>() / shift2;
-            right.tail(e) = weighted * residual - change.col(f) / off2;
-            const Eigen::LDLT<Eigen::MatrixXd, Eigen::Lower> solver(normal);
-            const VecX<double> step = solver.solve(right);
-            const VecX<double> variance =
-                solver.solve(Eigen::MatrixXd::Identity(6 + e, 6 + e)).diagonal().tail(e);
-            steps[at] = step.head(6);
-            change.col(f) += step.tail(e);
-            next_off2 += (change.col(f).squaredNorm() + variance.sum()) /
-                         static_cast<double>(e * n);
-        }
-        // What all frames have in common is the head at rest.
-        change.colwise() -= change.rowwise().mean().eval();
-        Vec3<double> turn = Vec3<double>::Zero(), shift = Vec3<double>::Zero();
-        for (std::size_t f = 0; f < frames.size(); ++f) {
-            RigidMotion& m = a.motion[f];
-            m = RigidMotion{so3_exp(Vec3<double>(steps[f].head<3>())),
-                            Vec3<double>(steps[f].tail<3>())} *
-                m;
-            turn += so3_log(m.rotation) / static_cast<double>(n);
-            shift += m.translation / static_cast<double>(n);
-        }
-        const RigidMotion back = RigidMotion{so3_exp(turn), shift}.inverse();
-        for (RigidMotion& m : a.motion) m = back * m;
-        off2 = std::max(next_off2, 1e-10);
-        remove_expressions();
-        VecX<double> squares = VecX<double>::Zero(landmarks);
-        for (const Columns<double>& r : rest)
-            squares += r.colwise().squaredNorm().transpose() / (3 * static_cast<double>(n - 1));
-        // A landmark that seems exact by chance must not decide alone.
-        const double all = squares.mean();
-        noise2 = squares.array().max(0.1 * all).max(1e-6 * settings.noise * settings.noise);
+        fit.step(settings);
+        fit.weigh_landmarks(settings);
     }
-    a.coefficients += change;
-    a.moved = (shapes.transpose() * change).norm() /
-              std::sqrt(static_cast<double>(3 * landmarks * n));
-    a.off = std::sqrt(off2);
-    a.noise = std::sqrt(noise2.mean());
-    return a;
+    const double moved = (shapes.transpose() * fit.change).norm() /
+                         std::sqrt(static_cast<double>(3 * landmarks * n));
+    return {labels + fit.change, fit.motion, std::sqrt(fit.off2), std::sqrt(fit.noise2.mean()),
+            moved};
 }
 
 } // namespace rye

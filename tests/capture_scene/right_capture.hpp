@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+/// tests/capture_scene/right_capture.hpp: a rendered capture without errors, for copies with errors
+/// put in.
+#pragma once
+
+#include <filesystem>
+
+#include "../support/hostile.hpp"
+#include "data/capture.hpp"
+#include "synthetic_capture/scene.hpp"
+
+namespace rye::trainer {
+
+/// The procedural head by six cameras. An iris has 80 pixels and more.
+struct RightCapture {
+    TemporaryFolder folder;
+    std::filesystem::path path = folder.path / "right";
+    Capture capture;
+
+    explicit RightCapture(int train_frames) {
+        const CaptureSettings settings{.size = 256,
+                                       .cameras = 6,
+                                       .train_frames = train_frames,
+                                       .novel_frames = 2,
+                                       .independent_frames = 0,
+                                       .samples = 1};
+        const HeadModel head = procedural_head(1);
+        write_capture(head, capture_scene(head, settings), path, [](int, int) {});
+        capture = read_capture(path);
+    }
+    const CaptureFrame& frame(int f) const { return capture.frames[static_cast<std::size_t>(f)]; }
+};
+
+} // namespace rye::trainer
