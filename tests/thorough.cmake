@@ -57,7 +57,8 @@ rye_check(headers_warnings headers/warnings.sh ${compiler} ${PROJECT_SOURCE_DIR}
           ${CMAKE_CURRENT_BINARY_DIR}/warnings -O2 ${optimised})
 rye_check(docstrings documents/doxygen.sh ${PROJECT_SOURCE_DIR}
           ${CMAKE_CURRENT_BINARY_DIR}/docstrings)
-set_tests_properties(docstrings PROPERTIES SKIP_RETURN_CODE 77)
+rye_check(site site/site.sh ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_BINARY_DIR}/site)
+set_tests_properties(docstrings site PROPERTIES SKIP_RETURN_CODE 77)
 set_tests_properties(headers_alone PROPERTIES PROCESSORS 2 FIXTURES_REQUIRED rye_precompiled)
 if(NOT CMAKE_CXX_COMPILER_ID MATCHES Clang)
   find_program(RYE_CLANG NAMES clang++ clang++-14)

@@ -11,7 +11,8 @@ bad=0
 for page in *.md docs/*.md docs/results/*.md; do
     folder=$(dirname "$page")
     # [text](target), without addresses and anchors
-    for target in $(grep -o '](\([^)]*\))' "$page" | sed 's/^](//; s/)$//; s/#.*//' |
+    for target in $({ grep -o '](\([^)]*\))' "$page" | sed 's/^](//; s/)$//; s/#.*//'
+                      sed -n 's/^<img src="\([^"]*\)".*/\1/p' "$page"; } |
                     grep -v '^[a-z]*:' | sort -u); do
         [ -e "$folder/$target" ] || { echo "$page: no such file: $target"; bad=1; }
     done
