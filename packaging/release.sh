@@ -112,7 +112,8 @@ if wanted licences; then
     done
 fi
 if wanted checksums; then
-    (cd "$out" && find . -type f ! -name SHA256SUMS | sed 's|^\./||' | sort | xargs sha256sum > SHA256SUMS)
+    (cd "$out" && find . -type f | sed 's|^\./||' | sort | xargs sha256sum) > "$work/SHA256SUMS"
+    mv "$work/SHA256SUMS" "$out/"
 fi
 echo "rye $version of $commit:"
 (cd "$out" && find . -maxdepth 1 -type f | sort | xargs -r wc -c)

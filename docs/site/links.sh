@@ -8,7 +8,7 @@ trap 'rm -f ../links.pages ../links.files ../links.txt' EXIT
 find . -name '*.html' ! -path './live/*' ! -path './search/*' | sed 's|^\./||' | sort > ../links.pages
 find . -type f | sed 's|^\./||' | sort > ../links.files
 # Doxygen ends tags on the line that they begin on.
-# shellcheck disable=SC2046 # names of pages have no spaces
+# shellcheck disable=SC2016 # awk expands these
 xargs awk '
     BEGIN { while ((getline line < "../links.files") > 0) there[line] = 1 }
     {

@@ -31,7 +31,7 @@ for page in docs/*.md; do
 done
 # Words that people read: outside of code, with a letter or a digit.
 words=$(for page in README.md docs/*.md; do awk '/^```/ { code = !code; next } !code' "$page"; done |
-        tr -s ' \t|' '\n\n\n' | grep -c '[[:alnum:]]')
+        tr -s ' \t|' '\n' | grep -c '[[:alnum:]]')
 for page in docs/results/*.md; do
     grep -qi 'commit.*machine\|at every commit' "$page" || { echo "$page: no commit and machine"; bad=1; }
 done

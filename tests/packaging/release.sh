@@ -4,7 +4,7 @@
 # launcher starts on which processor. Ends with 77 where SOURCE is no checkout of git.
 set -eu
 source=$1 work=$2
-command -v git > /dev/null && git -C "$source" rev-parse HEAD > /dev/null 2>&1 ||
+git -C "$source" rev-parse HEAD > /dev/null 2>&1 ||
     { echo "not run: release, for this is no checkout of git"; exit 77; }
 rm -rf "$work"
 mkdir -p "$work"
