@@ -32,14 +32,14 @@ function evaluation(folder) {
     return { folder, split, views: pictured };
 }
 
-/// Returns what a model sees on the pictures of all evaluations, by file; null if it does not run, and
-/// then `not_run` gets the reason.
-async function seen(model, what, evaluations, not_run) {
+/// Returns what a model sees on the first `count` parts of the pictures of all evaluations, by file; null
+/// if it does not run, and then `not_run` gets the reason.
+async function seen(model, count, what, evaluations, not_run) {
     try {
         return await withModel(model, settings(), async (faces) => {
             const all = {};
             for (const { views } of evaluations)
-                for (const v of views) all[v.file] = await faces(`parts("${dataUrl(v.file)}")`);
+                for (const v of views) all[v.file] = await faces(`parts("${dataUrl(v.file)}", ${count})`);
             return all;
         });
     } catch (e) {
@@ -111,8 +111,8 @@ function printed(evaluations, judgements) {
 async function main() {
     const evaluations = process.argv.slice(2).map(evaluation);
     const not_run = ["FID: no free model of its features is on npm"];
-    const faces = await seen(landmarker, "landmarks, irises, gaze, coefficients", evaluations, not_run);
-    const identities = faces && (await seen(identity, "identity", evaluations, not_run));
+    const faces = await seen(landmarker, 3, "landmarks, irises, gaze, coefficients", evaluations, not_run);
+    const identities = faces && (await seen(identity, 2, "identity", evaluations, not_run));
     for (const line of not_run) console.log(`not run: ${line}`);
     if (!faces) return;
     const judgements = evaluations.map((e) => judged(e, faces, identities, not_run));

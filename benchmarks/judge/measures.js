@@ -21,7 +21,8 @@ const eyes = [
     { name: "Right", inner: 133, outer: 33, iris: 468, sign: -1 },
 ];
 /// An iris' offset, horizontally (+ towards the temple) and vertically, is the sum of these, times 1, the
-/// gaze's yaw and pitch, and the camera's, yaws towards the temple. `photographs.js` prints them.
+/// gaze's yaw and pitch, and the camera's, yaws towards the temple; of capture A's training frames, as
+/// photographs.js prints them.
 const irisCalibration = [[0.02103, 0.05033], [0.00701, -0.00038], [0.00044, 0.00261],
                          [-0.00284, 0.00012], [0.00007, -0.00145]];
 

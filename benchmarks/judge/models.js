@@ -21,19 +21,21 @@ const page = `(() => {
         c.width = w; c.height = h;
         return c;
     };
-    const zoomed = (source, x, w, h) => {
-        const zoom = Math.max(1, Math.round(768 / w)), c = canvas(w * zoom, h * zoom);
-        c.getContext("2d").drawImage(source, x, 0, w, h, 0, 0, c.width, c.height);
+    const zoomed = (source, x, w, h, shift = 0) => {
+        const zoom = Math.max(1, Math.round(768 / w)), c = canvas(w * zoom, h * zoom), g = c.getContext("2d");
+        g.fillStyle = "white";
+        g.fillRect(0, 0, c.width, c.height);
+        g.drawImage(source, x, 0, w, h, shift * zoom, shift * zoom, c.width, c.height);
         return c;
     };
-    // Photograph, render and render with the gaze at rest, which rye evaluate puts 2 pixels apart.
-    window.parts = async (url) => {
+    // The first of photograph, render and render with the gaze at rest, which rye evaluate puts 2 pixels apart.
+    window.parts = async (url, count) => {
         const image = await picture(url), w = (image.width - 4) / 3;
         if (w !== Math.floor(w)) throw new Error("no three pictures side by side");
-        return [0, 1, 2].map((k) => zoomed(image, k * (w + 2), w, image.height));
+        return [0, 1, 2].slice(0, count).map((k) => zoomed(image, k * (w + 2), w, image.height));
     };
-    // A picture of a capture before white.
-    window.photograph = async (url, mask, over_black) => {
+    // A picture of a capture before white, and the same with each shift [pixels].
+    window.photograph = async (url, mask, over_black, shifts) => {
         const image = await picture(url), c = canvas(image.width, image.height);
         const g = c.getContext("2d", { willReadFrequently: true });
         g.drawImage(await picture(mask), 0, 0, c.width, c.height);
@@ -43,7 +45,7 @@ const page = `(() => {
         for (let i = 0; i < d.data.length; ++i)
             if (i % 4 < 3) d.data[i] = (over_black ? d.data[i] : (d.data[i] * m[i]) / 255) + 255 - m[i];
         g.putImageData(d, 0, 0);
-        return [zoomed(c, 0, c.width, c.height)];
+        return shifts.map((shift) => zoomed(c, 0, c.width, c.height, shift));
     };
     window.script = (url) => new Promise((resolve, reject) => {
         const s = document.createElement("script");
