@@ -4,8 +4,9 @@
 with the errors that docs/flaws.md lists (rye flaw), trains on each copy, measures against the capture
 itself, and prints one Markdown table: means over seeds, with sample standard deviations if there are
 several. A seed is that of the errors and of the training. "Aligned" is measured by --align-head. Results
-in OUT are kept: a call that was stopped goes on. Exit status 1 if a training failed; the table then says
-so. Run from anywhere."""
+in OUT are kept: a call that was stopped goes on. After `sh benchmarks/judge/judge.sh OUT` the same call
+prints the judge's columns, too. Exit status 1 if a training failed; the table then says so. Run from
+anywhere."""
 import argparse
 import concurrent.futures
 import json
@@ -16,6 +17,8 @@ import statistics
 import subprocess
 import sys
 import time
+
+from judged import TITLES, cells, judged
 
 GAZE = ["--gaze-common", "4", "--gaze-single", "2"]
 TRACK = ["--expression", "0.06", "--expression-share", "0.5", "--pose", "0.6,1", "--landmarks", "1.5"]
@@ -92,9 +95,10 @@ def figures(folder):
     seen, render = r["eyes_visible"], r["gaze"]["render"]
     return {"head": r["head"]["psnr"], "aligned": aligned["head"]["psnr"],
             "gaze_aligned": aligned["gaze"]["render"]["degrees"], "ssim": r["head"]["ssim"],
-            "face": r["face"]["psnr"], "eyes": r["eyes"]["psnr"], "gaze": render["degrees"], "where_found": render["degrees_where_found"],
-            "found": 100 * render["found"] / max(seen, 1),
-            "without": r["gaze_without_labels"]["render"]["degrees"], "seconds": seconds}
+            "face": r["face"]["psnr"], "eyes": r["eyes"]["psnr"], "gaze": render["degrees"],
+            "where_found": render["degrees_where_found"], "found": 100 * render["found"] / max(seen, 1),
+            "without": r["gaze_without_labels"]["render"]["degrees"], "seconds": seconds,
+            "judged": judged(folder / "run")}
 
 
 def shown(values, digits, unit):
@@ -109,8 +113,8 @@ def table(o, captures, sets, seeds):
                ("where_found", 2, "°"), ("found", 0, " %"), ("without", 2, "°"),
                ("aligned", 2, " dB"), ("gaze_aligned", 2, "°"), ("seconds", 0, "")]
     print("| capture | errors | seeds | head: PSNR | SSIM | face | eyes | gaze error | ... where found "
-          "| irises found | without labels | head, aligned | gaze error, aligned | seconds |")
-    print("|" + "---|" * 14)
+          f"| irises found | without labels | head, aligned | gaze error, aligned | seconds | {' | '.join(TITLES)} |")
+    print("|" + "---|" * (14 + len(TITLES)))
     missing = 0
     for capture in captures:
         for name in sets:
@@ -118,10 +122,11 @@ def table(o, captures, sets, seeds):
             rows = [r for r in every if r]
             missing += len(every) - len(rows)
             if not rows:
-                print(f"| {capture.name} | {name} | 0 of {len(seeds)} |" + " failed |" * 11)
+                print(f"| {capture.name} | {name} | 0 of {len(seeds)} |" + " failed |" * (11 + len(TITLES)))
                 continue
-            cells = [shown([r[c] for r in rows], digits, unit) for c, digits, unit in columns]
-            print(f"| {capture.name} | {name} | {len(rows)} of {len(seeds)} | " + " | ".join(cells) + " |")
+            line = [shown([r[c] for r in rows], digits, unit) for c, digits, unit in columns]
+            line += cells([r["judged"] for r in rows], shown)
+            print(f"| {capture.name} | {name} | {len(rows)} of {len(seeds)} | " + " | ".join(line) + " |")
     return missing
 
 

@@ -135,8 +135,12 @@ struct Results {
 Results results_of(const Capture& capture, const std::vector<MeasuredView>& views,
                    const std::vector<ViewResult>& found) {
     Results results;
-    const auto in = [](const std::vector<int>& list, int f) {
-        return std::find(list.begin(), list.end(), f) != list.end();
+    const auto groups_of = [&](int f) {
+        std::vector<std::string> names;
+        for (const auto& [name, list] : {std::pair("novel gaze", &capture.novel_gaze),
+                                         std::pair("independent eyes", &capture.independent_gaze)})
+            if (std::find(list->begin(), list->end(), f) != list->end()) names.emplace_back(name);
+        return names;
     };
     for (std::size_t i = 0; i < views.size();) {
         const int f = views[i].frame;
@@ -150,12 +154,12 @@ Results results_of(const Capture& capture, const std::vector<MeasuredView>& view
             if (views[i].pictured) {
                 line["picture"] = picture_name(capture, f);
                 line["eyes_box"] = r.eyes_box;
+                line["groups"] = groups_of(f);
             }
             results.per_view.push_back(line);
         }
         results.all.add(frame);
-        if (in(capture.novel_gaze, f)) results.groups["novel gaze"].add(frame);
-        if (in(capture.independent_gaze, f)) results.groups["independent eyes"].add(frame);
+        for (const std::string& name : groups_of(f)) results.groups[name].add(frame);
     }
     return results;
 }
@@ -222,6 +226,7 @@ void evaluate(const EvaluateOptions& o) {
     const std::filesystem::path out = o.out.empty() ? o.run : o.out;
     const std::filesystem::path pictures = out / ("evaluate_" + o.split);
     std::filesystem::create_directories(pictures);
+    std::filesystem::remove(out / "judge.json"); // of other pictures
 
     const AvatarDrawer drawer(state, device_wish(o.device), o.perceptual_weights);
     if (!o.json && !drawer.words().empty()) std::printf("%s\n", drawer.words().c_str());
