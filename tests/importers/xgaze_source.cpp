@@ -201,7 +201,7 @@ void add_landmarks(std::vector<double>& to, const Columns<double>& points,
 
 void write_xgaze_source(const TrueScene& truth, const fs::path& file, const fs::path& calibration,
                         XgazeFields fields) {
-    const Capture& c = truth.capture;
+    const Capture& c = truth.tracked;
     const bool gazenerf = fields == XgazeFields::gazenerf;
     const int side = c.width;
     Rows rows;
