@@ -275,6 +275,13 @@ std::string SubjectEyes::text() const {
 }
 
 double measure_iris(Capture& capture) {
+    std::array<Vec3<double>, 2> centre{Vec3<double>::Zero(), Vec3<double>::Zero()};
+    for (const int i : capture.train)
+        for (std::size_t e = 0; e < 2; ++e) {
+            const CaptureFrame& f = capture.frames[static_cast<std::size_t>(i)];
+            centre[e] += Vec3<double>(to_canonical(f, *f.eyes[e].centre)) /
+                         static_cast<double>(capture.train.size());
+        }
     double rim = 0;
     constexpr int rounds = 2;
     for (int round = 0; round < rounds; ++round) {
@@ -284,8 +291,7 @@ double measure_iris(Capture& capture) {
             balls.emplace_back();
             for (std::size_t e = 0; e < 2; ++e) {
                 const EyeSizes s = eye_sizes(f.eyes[e], f.scale, EyeballConfig{}.radius);
-                balls.back()[e] = {to_canonical(f, *f.eyes[e].centre), s.radius, s.limbus_radius,
-                                   s.iris_plane};
+                balls.back()[e] = {centre[e], s.radius, s.limbus_radius, s.iris_plane};
             }
         }
         rim = rim_of_iris(capture, capture.train, balls);
