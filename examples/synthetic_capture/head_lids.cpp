@@ -23,7 +23,8 @@ constexpr double rim_depth = 0.008;
 constexpr double fold_deg = 10, fold_width_deg = 4, fold_depth = 0.016;
 
 /// Grid of the table of the closed skin.
-constexpr double first_azimuth = -100 * degree, first_elevation = -66 * degree, step = 2 * degree;
+constexpr double first_azimuth = -100 * degree, first_elevation = -66 * degree,
+                 spacing = 2 * degree;
 constexpr Index azimuths = 106, elevations = 70;
 
 /// Weight of the lids' motion: 0 on the side of the nose, which is behind the inner corner.
@@ -60,8 +61,8 @@ EyeLids::EyeLids(const HeadGrid& grid, int eye, const Eyeball& left_eye, const H
         for (Index e = begin; e < end; ++e)
             for (Index a = 0; a < azimuths; ++a) {
                 const Vec3<double> d =
-                    eye_direction(first_azimuth + step * static_cast<double>(a),
-                                  first_elevation + step * static_cast<double>(e));
+                    eye_direction(first_azimuth + spacing * static_cast<double>(a),
+                                  first_elevation + spacing * static_cast<double>(e));
                 const double r = (head_surface(eye_.centre, d, shape) - eye_.centre).norm();
                 // The side of the nose is nearly parallel to these rays: its slope is ignored.
                 constexpr double near = 0.19, span = 0.035;
@@ -92,8 +93,8 @@ EyeLids::EyeLids(const HeadGrid& grid, int eye, const Eyeball& left_eye, const H
 }
 
 double EyeLids::table(double azimuth, double elevation) const {
-    const double x = std::clamp((azimuth - first_azimuth) / step, 0.0, azimuths - 1.001);
-    const double y = std::clamp((elevation - first_elevation) / step, 0.0, elevations - 1.001);
+    const double x = std::clamp((azimuth - first_azimuth) / spacing, 0.0, azimuths - 1.001);
+    const double y = std::clamp((elevation - first_elevation) / spacing, 0.0, elevations - 1.001);
     const auto i = static_cast<Index>(x), j = static_cast<Index>(y);
     const double a = x - static_cast<double>(i), b = y - static_cast<double>(j);
     return std::lerp(std::lerp(table_(i, j), table_(i + 1, j), a),

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 #include <tuple>
 #include <vector>
 
@@ -11,12 +12,13 @@
 
 #include <rye/rig/gaze.hpp>
 
+#include "data/degrees.hpp"
 #include "data/median.hpp"
 
 namespace rye::trainer {
 namespace {
 
-constexpr double pi = 3.14159265358979323846, degree = pi / 180;
+constexpr double pi = std::numbers::pi;
 
 /// Pixel that may show the eye.
 struct Seen {
