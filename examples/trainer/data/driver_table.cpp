@@ -213,7 +213,7 @@ std::string text_of_drivers(const std::vector<Drivers<float>>& frames,
         text += "," + gaze_column(e, false) + "," + gaze_column(e, true);
     text += "\n";
     const auto add = [&](auto x) { text += "," + number_text(x); };
-    const auto add_angle = [&](double degrees) { add(std::round(degrees * 1e7) / 1e7 + 0.0); };
+    const auto add_angle = [&](double angle) { add(std::round(angle * 1e7) / 1e7 + 0.0); };
     for (std::size_t f = 0; f < frames.size(); ++f) {
         const Drivers<float>& d = frames[f];
         std::string id = ids[f];
