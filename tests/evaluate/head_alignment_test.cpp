@@ -43,7 +43,7 @@ TEST_CASE("head alignment: a motion that all head poses are off by is found and 
               1e-12);
     }
     const HeadAlignment found = head_alignment(run, capture, frames);
-    CHECK(found.degrees() > 1);
+    CHECK(found.turn_degrees() > 1);
     CHECK(found.after_mm == doctest::Approx(none.after_mm));
     // capture_from_run goes through the frame before the change.
     const Rigid<double> through = compose(off, found.capture_from_run);
@@ -52,8 +52,8 @@ TEST_CASE("head alignment: a motion that all head poses are off by is found and 
 
     take_head_frame(capture, found.capture_from_run);
     const HeadAlignment again = head_alignment(run, capture, frames);
-    CHECK(again.degrees() < 1e-6);
-    CHECK(again.mm() < 1e-9);
+    CHECK(again.turn_degrees() < 1e-6);
+    CHECK(again.shift_mm() < 1e-9);
     CHECK(again.before_mm == doctest::Approx(found.after_mm));
     CHECK(again.before_mm <= found.before_mm);
 }

@@ -210,7 +210,7 @@ Json align_head(const EvaluateOptions& o, Capture& capture, const std::vector<in
     if (!o.json)
         std::printf("head frame of the run: %.2f deg and %.2f mm from the capture's; taken out, its "
                     "landmarks are %.2f mm\noff (rms), %.2f mm before; 1 unit taken as 100 mm\n",
-                    a.degrees(), a.mm(), a.after_mm, a.before_mm);
+                    a.turn_degrees(), a.shift_mm(), a.after_mm, a.before_mm);
     return a.json();
 }
 

@@ -8,6 +8,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/train/landmark_losses.hpp>
 
+#include "data/degrees.hpp"
 #include "training/centre_errors.hpp"
 #include "training/types.hpp"
 
@@ -32,14 +33,14 @@ Rigid<double> nearest_motion(const Columns<double>& from, const Columns<double>&
 
 } // namespace
 
-double HeadAlignment::degrees() const {
-    return so3_log(capture_from_run.rotation).norm() * 180 / 3.14159265358979323846;
+double HeadAlignment::turn_degrees() const {
+    return degrees * so3_log(capture_from_run.rotation).norm();
 }
-double HeadAlignment::mm() const { return mm_per_unit * capture_from_run.translation.norm(); }
+double HeadAlignment::shift_mm() const { return mm_per_unit * capture_from_run.translation.norm(); }
 
 nlohmann::ordered_json HeadAlignment::json() const {
-    return {{"degrees", degrees()},
-            {"mm", mm()},
+    return {{"degrees", turn_degrees()},
+            {"mm", shift_mm()},
             {"landmarks_mm_before", before_mm},
             {"landmarks_mm", after_mm}};
 }

@@ -20,8 +20,8 @@ struct HeadAlignment {
     Rigid<double> capture_from_run;      ///< of head frames [canonical units]
     double before_mm = 0, after_mm = 0;  ///< distance of landmarks without and with it, rms [mm]
 
-    double degrees() const;  ///< Returns the angle of the rotation.
-    double mm() const;       ///< Returns the length of the translation.
+    double turn_degrees() const;  ///< Returns the angle of the rotation.
+    double shift_mm() const;      ///< Returns the length of the translation.
     nlohmann::ordered_json json() const;
 };
 
