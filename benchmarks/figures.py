@@ -4,6 +4,8 @@ import json
 import os
 import sys
 
+from judged import TITLES, cells, judged
+
 NAMES = {
     "measured": "`--preset {preset}`",
     "unmeasured": "with `measured_eyes = false`",
@@ -17,14 +19,14 @@ def number(value, form):
     return "-" if value is None else format(value, form)
 
 
-def row(name, group, results):
+def row(name, group, results, judgement):
     labelled, own = results["gaze"], results["gaze_without_labels"]
     visible = results["eyes_visible"]
 
     def found(table):
         return f"{table['photograph']['found']}, {table['render']['found']} of {visible}"
 
-    cells = [
+    line = [
         name,
         group,
         number(results["head"]["psnr"], ".1f") + ", " + number(results["head"]["ssim"], ".3f"),
@@ -37,7 +39,8 @@ def row(name, group, results):
         number(own["render"]["degrees"], ".1f") + "°",
         found(own),
     ]
-    return "| " + " | ".join(cells) + " |"
+    line += cells([judgement], lambda values, digits, unit: number(values[0], f".{digits}f") + unit)
+    return "| " + " | ".join(line) + " |"
 
 
 def main():
@@ -45,9 +48,10 @@ def main():
     print(
         "| training | frames | PSNR [dB], SSIM of the head | PSNR of the eyes [dB] | gaze error "
         "| ... at rest | ... nearest training gaze | estimator to label "
-        "| irises found: photograph, render | without labels: gaze error | irises found |"
+        "| irises found: photograph, render | without labels: gaze error | irises found | "
+        + " | ".join(TITLES) + " |"
     )
-    print("|" + "---|" * 11)
+    print("|" + "---|" * (11 + len(TITLES)))
     notes = []
     for variant in variants:
         run = os.path.join(out, variant)
@@ -57,9 +61,9 @@ def main():
             name = NAMES[variant].format(preset=json.load(file)["preset"])
         groups = [g for g in GROUPS if g in results]
         for group in groups:
-            print(row(name, GROUPS[group], results[group]))
+            print(row(name, GROUPS[group], results[group], judged(run, group)))
         if not groups:
-            print(row(name, "all", results["all"]))
+            print(row(name, "all", results["all"], judged(run)))
         with open(os.path.join(run, "seconds"), encoding="utf-8") as file:
             seconds = sum(int(line) for line in file)
         notes.append(f"{variant}: trained {results['step']} steps of stage 2 in {seconds} s")

@@ -78,6 +78,7 @@ for v in $variants; do
     echo "== $v"
     "$rye" evaluate --run "$out/$v" --capture "$capture" --split test | tee "$out/$v.txt"
 done
+sh "$here/judge/judge.sh" "$out" # says what is not installed
 set -- $variants
 "$rye" redirect --run "$out/$1" --capture "$capture" --sweep --out "$out/sweep.png"
 # shellcheck disable=SC2086

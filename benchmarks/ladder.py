@@ -12,6 +12,8 @@ import struct
 import subprocess
 import sys
 
+from judged import TITLES, cells, judged
+
 # Fields of rungs, as those of `gpu` where they are no readings of `paper`.
 NETWORKS = {
     "geometry": 4 * [128], "exp_color": 2 * [128], "pose_color": [64], "exp_deform": 4 * [128],
@@ -182,11 +184,11 @@ def measured(run, results):
 
 HEAD = ["rung", "head [dB]", "SSIM", "eyes [dB]", "gaze [deg]", "... where found",
         "irises found [%]", "gaze without labels [deg]", "... where found", "irises found [%]",
-        "Gaussians", "seconds", "runs"]
+        "Gaussians", "seconds"] + TITLES + ["runs"]
 DIGITS = [2, 3, 2, 2, 2, 1, 2, 2, 1, 0, 0]
 
 
-def spread(values, digits):
+def spread(values, digits, unit=""):
     values = [v for v in values if v is not None]
     if not values:
         return "-"
@@ -195,7 +197,7 @@ def spread(values, digits):
     if len(values) > 1 and digits > 0:
         variance = sum((v - mean) ** 2 for v in values) / (len(values) - 1)
         text += f" ± {variance ** 0.5:.{digits}f}"
-    return text
+    return text + unit
 
 
 def table(out, split, group):
@@ -217,7 +219,7 @@ def table(out, split, group):
                 rows = json.load(file)["rows"]
             for row in rows:
                 folder = f"{out}/runs/{capture}/{row['run']}"
-                found = []
+                found, judgements = [], []
                 names = called[row["run"]]
                 for seed in sorted(os.listdir(folder)) if os.path.isdir(folder) else []:
                     results = f"{folder}/{seed}/evaluation_{split}/results.json"
@@ -230,8 +232,10 @@ def table(out, split, group):
                         took = [seconds[f"{n}, {of}"] for n in names if f"{n}, {of}" in seconds]
                         found.append(measured(f"{folder}/{seed}", results[group]) +
                                      [took[0] if took else None])
-                cells = [spread([f[i] for f in found], d) for i, d in enumerate(DIGITS)]
-                print(f"| {row['name']} | {' | '.join(cells)} | {len(found)} |")
+                        judgements.append(judged(f"{folder}/{seed}/evaluation_{split}", group))
+                line = [spread([f[i] for f in found], d) for i, d in enumerate(DIGITS)]
+                line += cells(judgements, spread)
+                print(f"| {row['name']} | {' | '.join(line)} | {len(found)} |")
 
 
 if sys.argv[1] == "lists":

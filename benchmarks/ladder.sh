@@ -22,6 +22,7 @@
 #   SPLITS   frames to measure (default: "test train")
 #   GROUP    which of them to print (default: all; "novel gaze", "independent eyes")
 #   COMPARE  further options of `rye compare`, such as "--device cuda --jobs 4"
+# After `sh benchmarks/judge/judge.sh OUT` the same call prints the judge's columns, too.
 # "seconds" are those of training and measuring, without a stage 1 that another run has trained, and
 # with --jobs beside others.
 set -eu

@@ -3,8 +3,10 @@
 """wrong_labels.py OUT CAPTURE...: what errors of labels, cameras and pictures cost. Copies each capture
 with the errors that docs/flaws.md lists (rye flaw), trains on each copy, measures against the capture
 itself, and prints one Markdown table: means over seeds, with sample standard deviations if there are
-several. A seed is that of the errors and of the training. Results in OUT are kept: a call that was
-stopped goes on. Exit status 1 if a training failed; the table then says so. Run from anywhere."""
+several. A seed is that of the errors and of the training. "Aligned" is measured by --align-head. Results
+in OUT are kept: a call that was stopped goes on. After `sh benchmarks/judge/judge.sh OUT` the same call
+prints the judge's columns, too. Exit status 1 if a training failed; the table then says so. Run from
+anywhere."""
 import argparse
 import concurrent.futures
 import json
@@ -15,6 +17,8 @@ import statistics
 import subprocess
 import sys
 import time
+
+from judged import TITLES, cells, judged
 
 GAZE = ["--gaze-common", "4", "--gaze-single", "2"]
 TRACK = ["--expression", "0.06", "--expression-share", "0.5", "--pose", "0.6,1", "--landmarks", "1.5"]
@@ -73,7 +77,10 @@ def train_and_measure(o, free, capture, name, seed):
              "--preset", o.preset, "--seed", seed, "--overwrite", *extra)
         (folder / "seconds").write_text(str(time.time() - begin))
         # the cameras of `gains` draw the test frames, too
-        call(log, env, o.rye, "evaluate", "--run", run, "--capture", copy if name == "gains" else capture)
+        measured = copy if name == "gains" else capture
+        evaluate = [o.rye, "evaluate", "--run", run, "--capture", measured]
+        call(log, env, *evaluate, "--align-head", "--out", folder / "aligned")
+        call(log, env, *evaluate)
     finally:
         free.put(device)
 
@@ -81,14 +88,17 @@ def train_and_measure(o, free, capture, name, seed):
 def figures(folder):
     try:
         r = json.loads((folder / "run/results.json").read_text())["all"]
+        aligned = json.loads((folder / "aligned/results.json").read_text())["all"]
         seconds = float((folder / "seconds").read_text())
     except FileNotFoundError:
         return None
     seen, render = r["eyes_visible"], r["gaze"]["render"]
-    return {"head": r["head"]["psnr"], "ssim": r["head"]["ssim"], "face": r["face"]["psnr"],
-            "eyes": r["eyes"]["psnr"], "gaze": render["degrees"], "where_found": render["degrees_where_found"],
-            "found": 100 * render["found"] / max(seen, 1),
-            "without": r["gaze_without_labels"]["render"]["degrees"], "seconds": seconds}
+    return {"head": r["head"]["psnr"], "aligned": aligned["head"]["psnr"],
+            "gaze_aligned": aligned["gaze"]["render"]["degrees"], "ssim": r["head"]["ssim"],
+            "face": r["face"]["psnr"], "eyes": r["eyes"]["psnr"], "gaze": render["degrees"],
+            "where_found": render["degrees_where_found"], "found": 100 * render["found"] / max(seen, 1),
+            "without": r["gaze_without_labels"]["render"]["degrees"], "seconds": seconds,
+            "judged": judged(folder / "run")}
 
 
 def shown(values, digits, unit):
@@ -100,10 +110,11 @@ def shown(values, digits, unit):
 
 def table(o, captures, sets, seeds):
     columns = [("head", 2, " dB"), ("ssim", 3, ""), ("face", 2, " dB"), ("eyes", 2, " dB"), ("gaze", 2, "°"),
-               ("where_found", 2, "°"), ("found", 0, " %"), ("without", 2, "°"), ("seconds", 0, "")]
+               ("where_found", 2, "°"), ("found", 0, " %"), ("without", 2, "°"),
+               ("aligned", 2, " dB"), ("gaze_aligned", 2, "°"), ("seconds", 0, "")]
     print("| capture | errors | seeds | head: PSNR | SSIM | face | eyes | gaze error | ... where found "
-          "| irises found | without labels | seconds |")
-    print("|" + "---|" * 12)
+          f"| irises found | without labels | head, aligned | gaze error, aligned | seconds | {' | '.join(TITLES)} |")
+    print("|" + "---|" * (14 + len(TITLES)))
     missing = 0
     for capture in captures:
         for name in sets:
@@ -111,10 +122,11 @@ def table(o, captures, sets, seeds):
             rows = [r for r in every if r]
             missing += len(every) - len(rows)
             if not rows:
-                print(f"| {capture.name} | {name} | 0 of {len(seeds)} |" + " failed |" * 9)
+                print(f"| {capture.name} | {name} | 0 of {len(seeds)} |" + " failed |" * (11 + len(TITLES)))
                 continue
-            cells = [shown([r[c] for r in rows], digits, unit) for c, digits, unit in columns]
-            print(f"| {capture.name} | {name} | {len(rows)} of {len(seeds)} | " + " | ".join(cells) + " |")
+            line = [shown([r[c] for r in rows], digits, unit) for c, digits, unit in columns]
+            line += cells([r["judged"] for r in rows], shown)
+            print(f"| {capture.name} | {name} | {len(rows)} of {len(seeds)} | " + " | ".join(line) + " |")
     return missing
 
 

@@ -11,7 +11,8 @@ endif()
 
 # Sources for imports, and the program that writes them for the commands of docs/results/importing.md.
 if(TARGET test_importers)
-  add_library(import_sources STATIC importers/sources.cpp importers/xgaze_source.cpp)
+  add_library(import_sources STATIC importers/comparison.cpp importers/sources.cpp
+                                    importers/xgaze_source.cpp)
   target_link_libraries(import_sources PUBLIC rye_trainer)
   target_precompile_headers(import_sources REUSE_FROM rye_precompiled)
   if(TARGET rye_hdf5_headers)
@@ -57,7 +58,8 @@ rye_check(headers_warnings headers/warnings.sh ${compiler} ${PROJECT_SOURCE_DIR}
           ${CMAKE_CURRENT_BINARY_DIR}/warnings -O2 ${optimised})
 rye_check(docstrings documents/doxygen.sh ${PROJECT_SOURCE_DIR}
           ${CMAKE_CURRENT_BINARY_DIR}/docstrings)
-set_tests_properties(docstrings PROPERTIES SKIP_RETURN_CODE 77)
+rye_check(site site/site.sh ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_BINARY_DIR}/site)
+set_tests_properties(docstrings site PROPERTIES SKIP_RETURN_CODE 77)
 set_tests_properties(headers_alone PROPERTIES PROCESSORS 2 FIXTURES_REQUIRED rye_precompiled)
 if(NOT CMAKE_CXX_COMPILER_ID MATCHES Clang)
   find_program(RYE_CLANG NAMES clang++ clang++-14)
@@ -102,6 +104,11 @@ if(TARGET rye_program)
   rye_check(appearance programs/appearance.sh $<TARGET_FILE:rye_program>
             ${CMAKE_CURRENT_BINARY_DIR}/appearance)
   set_tests_properties(appearance PROPERTIES TIMEOUT 600)
+  if(TARGET lesson_11_draw_my_avatar)
+    rye_check(lessons programs/lessons.sh $<TARGET_FILE:rye_program> $<TARGET_FILE:lesson_11_draw_my_avatar>
+              $<TARGET_FILE:lesson_12_train_my_part> ${CMAKE_CURRENT_BINARY_DIR}/lessons)
+    set_tests_properties(lessons PROPERTIES TIMEOUT 1200)
+  endif()
   rye_check(flaw programs/flaw.sh $<TARGET_FILE:rye_program> ${PROJECT_SOURCE_DIR}/docs/flaws.md
             ${CMAKE_CURRENT_BINARY_DIR}/flaw)
   set_tests_properties(flaw PROPERTIES TIMEOUT 600)
@@ -237,6 +244,8 @@ if(RYE_INSTALL)
             ${CMAKE_CURRENT_BINARY_DIR}/packages ${CMAKE_COMMAND} ${CMAKE_GENERATOR}
             ${CMAKE_CXX_COMPILER})
   set_tests_properties(packages PROPERTIES SKIP_RETURN_CODE 77)
+  rye_check(release packaging/release.sh ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_BINARY_DIR}/release)
+  set_tests_properties(release PROPERTIES SKIP_RETURN_CODE 77)
   rye_check(packages_of_nothing_built packaging/nothing_built.sh ${PROJECT_SOURCE_DIR}
             ${CMAKE_CURRENT_BINARY_DIR}/nothing_built ${CMAKE_COMMAND} ${CMAKE_GENERATOR}
             ${CMAKE_CXX_COMPILER})

@@ -12,7 +12,7 @@ using namespace rye::test;
 
 namespace {
 
-// [docs/parts.md begins]
+// [docs/effects.md begins]
 /// Adds red in proportion to the first expression coefficient, with a learned weight per Gaussian.
 struct Blush {
     static constexpr std::string_view name = "blush";
@@ -41,7 +41,7 @@ struct Blush {
     }
 };
 static_assert(OwnEffect<Blush>);
-// [docs/parts.md ends]
+// [docs/effects.md ends]
 
 /// Depends on the Gaussians it is given: the face swells by a share of its own scales.
 struct Swell {

@@ -14,9 +14,12 @@ awk '/^```cpp/ { inside = 1; next } /^```/ { if (inside) exit } inside' "$source
     > "$work/project/main.cpp"
 [ -s "$work/project/main.cpp" ] || { echo "README.md shows no C++ program"; exit 1; }
 if [ "$way" = find_package ]; then
-    for program in redirect parts own_part; do
-        cp "$source/tests/consumer/$program.cpp" "$work/project/"
-    done
+    cp "$source/tests/consumer/redirect.cpp" "$source/tests/consumer/parts.cpp" \
+        "$source/examples/12_train_my_part.cpp" "$work/project/"
+    # The skeletons of the page, of which parts.cpp makes an avatar.
+    awk '/^## / { there = $2 == "Skeletons" } /^```/ { inside = !inside; next } there && inside' \
+        "$source/docs/parts.md" > "$work/project/skeletons.hpp"
+    [ -s "$work/project/skeletons.hpp" ] || { echo "docs/parts.md shows no skeletons"; exit 1; }
     "$cmake" --install "$build" --prefix "$work/prefix" --component Unspecified > "$work/install.txt"
 fi
 if [ "$way" = pkg_config ]; then
@@ -43,7 +46,7 @@ cd "$work/build"
 if [ -n "$rye" ]; then
     "$rye" capture --out capture --frames 2 --test-frames 0 --apart-frames 0 --cameras 3 --size 64 \
         --samples 1 --png --quiet
-    ./own_part capture
+    ./12_train_my_part capture
 fi
-! ./own_part missing 2> said.txt || { echo "own_part reads what is not there"; exit 1; }
+! ./12_train_my_part missing 2> said.txt || { echo "12_train_my_part reads what is not there"; exit 1; }
 grep -q "missing: no such folder" said.txt || { cat said.txt; exit 1; }

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # documents.sh SOURCE_DIR: what README.md, CHANGELOG.md and the pages of docs/ link to, or name as a
 # header or as a file of a folder of the project, exists. A page of docs/ has at most 150 lines; one of
-# docs/results/ says commit and machine.
+# docs/results/ says commit and machine. Prints how many words README.md and the pages of docs/ have.
 set -eu
 cd "$1"
 bad=0
@@ -11,7 +11,8 @@ bad=0
 for page in *.md docs/*.md docs/results/*.md; do
     folder=$(dirname "$page")
     # [text](target), without addresses and anchors
-    for target in $(grep -o '](\([^)]*\))' "$page" | sed 's/^](//; s/)$//; s/#.*//' |
+    for target in $({ grep -o '](\([^)]*\))' "$page" | sed 's/^](//; s/)$//; s/#.*//'
+                      sed -n 's/^<img src="\([^"]*\)".*/\1/p' "$page"; } |
                     grep -v '^[a-z]*:' | sort -u); do
         [ -e "$folder/$target" ] || { echo "$page: no such file: $target"; bad=1; }
     done
@@ -28,11 +29,14 @@ done
 for page in docs/*.md; do
     [ "$(wc -l < "$page")" -le 150 ] || { echo "$page: over 150 lines"; bad=1; }
 done
+# Words that people read: outside of code, with a letter or a digit.
+words=$(for page in README.md docs/*.md; do awk '/^```/ { code = !code; next } !code' "$page"; done |
+        tr -s ' \t|' '\n' | grep -c '[[:alnum:]]')
 for page in docs/results/*.md; do
     grep -qi 'commit.*machine\|at every commit' "$page" || { echo "$page: no commit and machine"; bad=1; }
 done
 # VHAP ends in a KeyError where an export of meshes also cuts the masks, which is its default.
 wrong=$(grep -rn -e '--flame-mode mesh' README.md docs examples | grep -v -e '--no-create-mask-from-mesh' || true)
 [ -z "$wrong" ] || { echo "$wrong: expected --no-create-mask-from-mesh"; bad=1; }
-[ $bad -eq 0 ] && echo "the documents name what exists"
+[ $bad -eq 0 ] && echo "the documents name what exists; README.md and docs/*.md have $words words"
 exit $bad

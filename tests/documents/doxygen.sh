@@ -10,10 +10,8 @@ shift 2
 command -v doxygen > /dev/null || { echo "not run: docstrings, for there is no doxygen"; exit 77; }
 rm -rf "$work"
 mkdir -p "$work"
-sed -e "s|@PROJECT_SOURCE_DIR@|$source|g" -e "s|@RYE_DOCS_FOLDER@|$work|g" \
-    -e 's|@RYE_DOCS_HTML@|NO|; s|@PROJECT_[A-Z]*@||' -e '/^INPUT *+=/d' \
-    "$source/docs/Doxyfile.in" > "$work/Doxyfile"
-printf 'GENERATE_XML = NO\nUSE_MDFILE_AS_MAINPAGE =\n' >> "$work/Doxyfile"
+sed -e "s|@SOURCE@|$source|; s|@WORK@|$work|; s|@VERSION@||" "$source/docs/site/Doxyfile.in" \
+    > "$work/Doxyfile"
 doxygen "$work/Doxyfile" > "$work/said.txt" 2>&1 || { cat "$work/said.txt"; exit 1; }
 names=$(grep -c . "$work/warnings.txt" || true)
 # "Compound rye::NAME" and "Member NAME ... of namespace rye"; a specialisation has "<" in its name.

@@ -10,7 +10,8 @@ const os = require("node:os");
 const path = require("node:path");
 
 const kinds = { ".html": "text/html", ".css": "text/css", ".js": "text/javascript",
-                ".wasm": "application/wasm", ".png": "image/png" };
+                ".wasm": "application/wasm", ".png": "image/png", ".jpg": "image/jpeg",
+                ".svg": "image/svg+xml" };
 
 /// Serves the files of folders, the first that has one; nothing else.
 function serve(folders) {

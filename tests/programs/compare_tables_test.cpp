@@ -102,6 +102,36 @@ TEST_CASE("tables: several captures have a table each, and one together") {
     CHECK(json["tables"][4]["rows"][1]["gaze_beyond_first"]["runs"] == 0);
 }
 
+TEST_CASE("tables: the judge's numbers are columns where there is a judge.json") {
+    const TemporaryFolder folder;
+    const auto write = [&](const char* name, const std::string& text) {
+        std::ofstream(folder.path / name) << text;
+    };
+    Example e;
+    e.experiment.columns = {"head_psnr", "judge_gaze", "judge_landmarks"};
+    write("results.json", results(20, 4, 8, 10).dump());
+    e.runs.resize(1);
+    e.runs[0].results = read_results(folder.path);
+    has(ExperimentTables(e.experiment, e.runs).markdown(),
+        "not run: judge: gaze [deg], judge: landmarks [% of the eyes' distance]: sh ");
+
+    // Of the groups that both have; a number that was not measured is a missing column.
+    write("judge.json", R"({"split": "test", "not_run": [], "all":
+        {"gaze": {"degrees": 6.25, "eyes": 3}, "landmarks": null}, "eyes": {"gaze": 1}})");
+    e.runs[0].results = read_results(folder.path);
+    CHECK(e.runs[0].results["all"]["judge"]["gaze"]["degrees"] == 6.25);
+    CHECK_FALSE(e.runs[0].results["novel gaze"].contains("judge"));
+    CHECK_FALSE(e.runs[0].results.contains("eyes"));
+    const std::string text = ExperimentTables(e.experiment, e.runs).markdown();
+    has(text, "| | PSNR, head [dB] | judge: gaze [deg] | runs |");
+    has(text, "| first | 20.00 | 6.25 | 1 |");
+    has(text, "not run: judge: landmarks [% of the eyes' distance]: sh ");
+
+    write("judge.json", "[1]");
+    CHECK_THROWS_WITH_AS(read_results(folder.path),
+                         doctest::Contains("judge.json: got [1], expected an object"), Error);
+}
+
 TEST_CASE("contact sheet: the photograph, then each row's render") {
     const TemporaryFolder folder;
     const auto grey = [](float v) { return Image<float>(6, 4, 3, v); };

@@ -332,7 +332,7 @@ class Comparison {
                     ComparedRun c{row,     name,       seed, evaluation_folder(run.folder),
                                   nullptr, run.failure};
                     if (run.failure.empty() && is_complete(run))
-                        c.results = read_checked(evaluation_folder(run.folder) / "results.json");
+                        c.results = read_results(evaluation_folder(run.folder));
                     all.push_back(c);
                 }
         return all;

@@ -11,6 +11,7 @@
 #include <rye/core/checksum.hpp>
 #include <rye/core/error.hpp>
 
+#include "data/checksums.hpp"
 #include "data/json_fields.hpp"
 #include "data/panel.hpp"
 
@@ -101,6 +102,22 @@ std::map<std::string, std::array<int, 4>> eye_boxes(const fs::path& evaluation) 
         if (box[2] > 0) boxes[json_text(view, "picture", "", name)] = box;
     }
     return boxes;
+}
+
+nlohmann::json read_results(const fs::path& evaluation) {
+    const fs::path path = evaluation / "results.json", judge = evaluation / "judge.json";
+    nlohmann::json results =
+        parse_checked_json(as_text(read_file(path, max_json_bytes)), path.string());
+    if (!results.is_object() || !fs::exists(judge)) return results;
+    const nlohmann::json judged = read_json(judge);
+    require(
+        judged.is_object(), judge.string(), "got ", [&] { return json_excerpt(judged); },
+        ", expected an object");
+    for (const auto& group : groups)
+        if (results.contains(group[0]) && results[group[0]].is_object() &&
+            judged.contains(group[0]))
+            results[group[0]]["judge"] = judged[group[0]];
+    return results;
 }
 
 double Spread::mean() const {
@@ -223,14 +240,15 @@ std::string ExperimentTables::markdown() const {
         "\nMean ± sample standard deviation over the runs of a row: seeds, and captures where "
         "there are several. Differences are of runs with the same seed and capture. An eye in "
         "which no iris is found counts 90 degrees in a gaze error.\n";
-    std::string absent;
+    std::string absent, unjudged;
     for (const std::string& name : experiment_.columns) {
         bool any = false;
         for (const ComparedRun& r : runs_)
             for (const auto& g : groups)
                 if (const nlohmann::json* group = group_of(r, g[0]))
                     any = any || !metric_of(*group, metric_named(name)).empty();
-        if (!any) absent += (absent.empty() ? "" : ", ") + metric_named(name).title;
+        std::string& list = name.starts_with("judge_") ? unjudged : absent;
+        if (!any) list += (list.empty() ? "" : ", ") + metric_named(name).title;
     }
     out += "\n";
     if (!absent.empty())
@@ -238,8 +256,9 @@ std::string ExperimentTables::markdown() const {
                (absent.find("LPIPS") != std::string::npos ? ", which needs --perceptual-weights"
                                                           : "") +
                "\n";
-    out +=
-        "not run: FID, identity and the gaze network of the paper, whose weights are not rye's\n";
+    if (!unjudged.empty())
+        out += "not run: " + unjudged + ": sh benchmarks/judge/judge.sh OUT, then this again\n";
+    out += "not run: FID and the gaze network of the paper, whose weights are not rye's\n";
     for (const ComparedRun& r : runs_)
         if (!r.failure.empty())
             out += "not run: " + experiment_.rows[r.row].name + ", " + r.capture + ", seed " +

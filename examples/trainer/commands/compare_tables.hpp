@@ -22,9 +22,14 @@ struct ComparedRun {
     std::string capture;
     std::uint64_t seed;
     std::filesystem::path folder;
-    nlohmann::json results; ///< results.json, or null
+    nlohmann::json results; ///< as of read_results, or null
     std::string failure;    ///< reason if there are none
 };
+
+/// Returns results.json of an evaluation; where there is a judge.json (of
+/// benchmarks/judge/judge.sh), its groups are fields `judge` of the results'. Throws an Error that
+/// names a damaged file.
+nlohmann::json read_results(const std::filesystem::path& evaluation);
 
 /// Mean and spread over runs.
 struct Spread {
@@ -37,7 +42,7 @@ struct Spread {
     nlohmann::ordered_json json() const;
 };
 
-/// Returns a metric of a group of results.json; empty if it is null or absent.
+/// Returns a metric of a group of results; empty if it is null or absent.
 std::vector<double> metric_of(const nlohmann::json& group, const Metric& metric);
 
 /// Tables of an experiment, in one document.

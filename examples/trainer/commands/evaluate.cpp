@@ -22,6 +22,7 @@
 #include "training/camera_colours.hpp"
 #include "training/centre_errors.hpp"
 #include "training/evaluation.hpp"
+#include "training/head_alignment.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -31,7 +32,7 @@ using Json = nlohmann::ordered_json;
 struct EvaluateOptions {
     std::filesystem::path run, capture, out, perceptual_weights;
     std::string split = "test", device = "auto";
-    bool json = false;
+    bool json = false, align_head = false;
     int threads = 0;
 };
 
@@ -134,8 +135,12 @@ struct Results {
 Results results_of(const Capture& capture, const std::vector<MeasuredView>& views,
                    const std::vector<ViewResult>& found) {
     Results results;
-    const auto in = [](const std::vector<int>& list, int f) {
-        return std::find(list.begin(), list.end(), f) != list.end();
+    const auto groups_of = [&](int f) {
+        std::vector<std::string> names;
+        for (const auto& [name, list] : {std::pair("novel gaze", &capture.novel_gaze),
+                                         std::pair("independent eyes", &capture.independent_gaze)})
+            if (std::find(list->begin(), list->end(), f) != list->end()) names.emplace_back(name);
+        return names;
     };
     for (std::size_t i = 0; i < views.size();) {
         const int f = views[i].frame;
@@ -149,12 +154,12 @@ Results results_of(const Capture& capture, const std::vector<MeasuredView>& view
             if (views[i].pictured) {
                 line["picture"] = picture_name(capture, f);
                 line["eyes_box"] = r.eyes_box;
+                line["groups"] = groups_of(f);
             }
             results.per_view.push_back(line);
         }
         results.all.add(frame);
-        if (in(capture.novel_gaze, f)) results.groups["novel gaze"].add(frame);
-        if (in(capture.independent_gaze, f)) results.groups["independent eyes"].add(frame);
+        for (const std::string& name : groups_of(f)) results.groups[name].add(frame);
     }
     return results;
 }
@@ -198,6 +203,17 @@ Json corrected_json(const Capture& capture) {
     return names;
 }
 
+/// Takes the head frame of the run for all frames of the capture; returns its record.
+Json align_head(const EvaluateOptions& o, Capture& capture, const std::vector<int>& frames) {
+    const HeadAlignment a = head_alignment(load_checkpoint(o.run), capture, frames);
+    take_head_frame(capture, a.capture_from_run);
+    if (!o.json)
+        std::printf("head frame of the run: %.2f deg and %.2f mm from the capture's; taken out, its "
+                    "landmarks are %.2f mm\noff (rms), %.2f mm before; 1 unit taken as 100 mm\n",
+                    a.turn_degrees(), a.shift_mm(), a.after_mm, a.before_mm);
+    return a.json();
+}
+
 void evaluate(const EvaluateOptions& o) {
     set_threads(o.threads);
     const TrainState state = load_trained(o.run);
@@ -206,9 +222,11 @@ void evaluate(const EvaluateOptions& o) {
     if (o.split == "novel") frames = capture.novel_gaze;
     if (o.split == "independent") frames = capture.independent_gaze;
     require(!frames.empty(), capture.folder.string(), "split '", o.split, "' has no frames");
+    const Json alignment = o.align_head ? align_head(o, capture, frames) : Json();
     const std::filesystem::path out = o.out.empty() ? o.run : o.out;
     const std::filesystem::path pictures = out / ("evaluate_" + o.split);
     std::filesystem::create_directories(pictures);
+    std::filesystem::remove(out / "judge.json"); // of other pictures
 
     const AvatarDrawer drawer(state, device_wish(o.device), o.perceptual_weights);
     if (!o.json && !drawer.words().empty()) std::printf("%s\n", drawer.words().c_str());
@@ -231,6 +249,7 @@ void evaluate(const EvaluateOptions& o) {
                     {"camera_gains", gains_json(capture)},
                     {"frame_exposures", exposures_json(capture)},
                     {"corrected_cameras", corrected_json(capture)},
+                    {"head_alignment", alignment},
                     {"all", all.json()}};
     for (const auto& [name, r] : groups) results[name] = r.json();
     const CentreErrors centres = centre_errors(state, capture, frames);
@@ -270,6 +289,9 @@ void add_evaluate(CLI::App& app) {
         ->capture_default_str();
     c->add_flag("--json", o->json,
                 "Print the results as JSON (as in results.json) instead of tables");
+    c->add_flag("--align-head", o->align_head,
+                "Draw in the head frame of the run: take out what all its head poses are off by, "
+                "by the landmarks of the measured frames");
     c->add_option(
         "--perceptual-weights", o->perceptual_weights,
         "VGG16 + LPIPS weights for the LPIPS column, a safetensors file as for `rye train`");

@@ -38,9 +38,9 @@ Experiment mechanisms() {
     row("learned quaternion", "learned_quaternion");
     row("none", "none");
     e.base = {{"avatar", {{"eye_appearance", "free"}}}}; // other mechanisms have no driven eyes
-    e.columns = {"head_ssim",           "head_psnr", "lpips", "face_ssim",
-                 "face_psnr",           "eyes_psnr", "gaze",  "gaze_where_found",
-                 "gaze_without_labels", "irises"};
+    e.columns = {"head_ssim",           "head_psnr", "lpips",      "face_ssim",
+                 "face_psnr",           "eyes_psnr", "gaze",       "gaze_where_found",
+                 "gaze_without_labels", "irises",    "judge_gaze", "judge_identity"};
     return e;
 }
 
@@ -75,7 +75,7 @@ Experiment losses() {
     added("cpu", "high-resolution eye term in every third step", {"eye_high_every"});
     e.rows.push_back({"the preset", "rye", Json::object()});
     e.columns = {"head_ssim",        "head_psnr",           "eyes_psnr", "gaze",
-                 "gaze_where_found", "gaze_without_labels", "irises"};
+                 "gaze_where_found", "gaze_without_labels", "irises",    "judge_gaze"};
     return e;
 }
 
@@ -87,7 +87,8 @@ Experiment deformation() {
     e.rows.push_back(
         {"without", "no_deformation", {{"avatar", {{"gaze_near", 0}, {"gaze_far", 0}}}}});
     e.columns = {"skin_ssim",        "skin_psnr",           "eyes_psnr", "gaze",
-                 "gaze_where_found", "gaze_without_labels", "irises"};
+                 "gaze_where_found", "gaze_without_labels", "irises",    "judge_gaze",
+                 "judge_blink",      "judge_coefficients"};
     return e;
 }
 
@@ -192,6 +193,12 @@ const std::vector<Metric>& all_metrics() {
         {"gaze_without_labels", "gaze error without labels [deg]",
          "/gaze_without_labels/render/degrees", 2},
         {"irises", "irises found [%]", "", 1},
+        {"judge_gaze", "judge: gaze [deg]", "/judge/gaze/degrees", 2},
+        {"judge_irises", "judge: irises [% of an eye's width]", "/judge/irises", 2},
+        {"judge_blink", "judge: eyeBlink", "/judge/blink", 3},
+        {"judge_landmarks", "judge: landmarks [% of the eyes' distance]", "/judge/landmarks", 2},
+        {"judge_coefficients", "judge: 52 coefficients", "/judge/coefficients", 3},
+        {"judge_identity", "judge: identity", "/judge/identity", 3},
     };
     return all;
 }

@@ -12,11 +12,12 @@
 
 namespace rye::trainer {
 
-/// Number in results.json (of `rye evaluate`) that is a column of a table.
+/// Number in results.json (of `rye evaluate`), or in judge.json (of benchmarks/judge/judge.sh),
+/// that is a column of a table.
 struct Metric {
     std::string name;    ///< in lists and CSV files
     std::string title;   ///< in tables
-    std::string pointer; ///< in a group of results.json; empty: irises found of visible eyes
+    std::string pointer; ///< in a group (read_results); empty: irises found of visible eyes
     int digits;          ///< after the decimal point
 };
 const std::vector<Metric>& all_metrics();

@@ -79,10 +79,12 @@ struct EyeArrays {
         return {log_scale + 3 * first, rotation + 4 * first, opacity_logit + first};
     }
 };
+/// Returns the views of the eyes' arrays.
 template <class T, EffectSet E>
 EyeArrays<const T> arrays_of(const EyeStream<T, E>& eyes) {
     return {eyes.log_scale.data(), eyes.rotation.data(), eyes.opacity_logit.data()};
 }
+/// The same, to be written.
 template <class T, EffectSet E>
 EyeArrays<T> arrays_of(EyeStream<T, E>& eyes) {
     return {eyes.log_scale.data(), eyes.rotation.data(), eyes.opacity_logit.data()};
@@ -93,6 +95,7 @@ template <class T>
 const HeadTransform<T>* head_address() {
     return nullptr;
 }
+/// The same, of an avatar with one.
 template <class T>
 const HeadTransform<T>* head_address(const HeadTransform<T>& head) {
     return &head;

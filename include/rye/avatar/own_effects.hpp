@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/avatar/own_effects.hpp: effects that a user writes: what they change of the driven face, in
-/// the head frame, after rye's own effects and before the head's motion. docs/parts.md has one.
+/// the head frame, after rye's own effects and before the head's motion. docs/effects.md has one.
 #pragma once
 
 #include <string>

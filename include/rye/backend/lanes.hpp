@@ -44,6 +44,7 @@ template <Threads P>
 XsimdBackend(P) -> XsimdBackend<DefaultArch, P>;
 static_assert(Backend<XsimdBackend<>>);
 
+/// Returns the same backend on the calling thread alone.
 template <class Arch, Threads P>
 XsimdBackend<Arch, Serial> one_thread(const XsimdBackend<Arch, P>&) {
     return {};

@@ -17,6 +17,7 @@ template <Threads P>
 ScalarBackend(P) -> ScalarBackend<P>;
 static_assert(Backend<ScalarBackend<>>);
 
+/// Returns the same backend on the calling thread alone.
 template <Threads P>
 ScalarBackend<Serial> one_thread(const ScalarBackend<P>&) {
     return {};

@@ -152,7 +152,7 @@ inline Rigid<double> read_extrinsic(const NamedArrays& file) {
 
 } // namespace detail
 
-/// Reads the labels of a frame from its folder params/<frame>. An npz may take so much memory
+/// Reads the labels of a frame from its folder params/`<frame>`. An npz may take so much memory
 /// [bytes]. Throws an Error for what is missing or wrong.
 inline CaptureFrame read_capture_labels(const std::filesystem::path& params, const std::string& id,
                                         std::uint64_t memory = default_memory) {

@@ -12,6 +12,7 @@
 
 namespace rye {
 
+/// An eyeball's measures in the head frame [canonical units].
 struct EyeSizes {
     double radius, limbus_radius, iris_plane;  ///< iris_plane: z of the iris' middle
 };

@@ -28,6 +28,7 @@ template <class T>
 ColumnArray<T> array_of(Columns<T>& a) {
     return {a.data(), a.rows(), a.cols()};
 }
+/// The same, to be read.
 template <class T>
 ColumnArray<const T> array_of(const Columns<T>& a) {
     return {a.data(), a.rows(), a.cols()};

@@ -28,6 +28,7 @@ GaussianArrays<T> arrays_of(Gaussians<T>& g) {
     return {array_of(g.mean), array_of(g.rotation), array_of(g.scale), array_of(g.opacity),
             array_of(g.feature)};
 }
+/// The same, to be read.
 template <class T>
 GaussianArrays<const T> arrays_of(const Gaussians<T>& g) {
     return {array_of(g.mean), array_of(g.rotation), array_of(g.scale), array_of(g.opacity),

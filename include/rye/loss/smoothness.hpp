@@ -119,6 +119,7 @@ LossGradient<T> smoothness(const P& threads, const Columns<T>& values, const Nei
     });
     return l;
 }
+/// The same on the calling thread.
 template <class T>
 LossGradient<T> smoothness(const Columns<T>& values, const NeighbourGraph& graph) {
     return smoothness(Serial{}, values, graph, neighbour_of(graph));

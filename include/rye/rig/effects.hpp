@@ -22,6 +22,7 @@ enum class Touches : unsigned {
     nothing = 0, position = 1, rotation = 2, scale = 4, opacity = 8, colour = 16, pixel = 32
 };
 
+/// A set of flags of an effect.
 template <class F>
 concept EffectFlags = std::same_as<F, Reads> || std::same_as<F, Touches>;
 
@@ -209,11 +210,13 @@ inline constexpr bool has_its_gaze =
 
 } // namespace detail
 
+/// No effect stands in the list twice.
 template <class... E>
 concept EachNamedOnce = (detail::named_once<E, E...> && ...);
 /// Periocular requires LeftGaze or RightGaze; so does Kappa.
 template <class... E>
 concept PeriocularHasAGaze = detail::has_its_gaze<Periocular, E...>;
+/// Kappa requires LeftGaze or RightGaze.
 template <class... E>
 concept KappaHasAGaze = detail::has_its_gaze<Kappa, E...>;
 
@@ -242,6 +245,7 @@ template <class S>
 inline constexpr bool is_effect_set = false;
 template <class... E>
 inline constexpr bool is_effect_set<Effects<E...>> = true;
+/// A list of effects, Effects<...>.
 template <class S>
 concept EffectSet = is_effect_set<S>;
 static_assert(EffectSet<PaperEffects> && EffectSet<Effects<>> && !EffectSet<Expression>);

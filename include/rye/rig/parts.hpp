@@ -36,6 +36,7 @@ struct PublishedNetworks {
     /// Returns the layer that takes the input again, as MlpShape::skip_layer.
     static constexpr int skip_layer(const MlpShape&) { return MlpShape::middle; }
 };
+/// Activation, encoding and skip of the networks, as PublishedNetworks has them.
 template <class N>
 concept NetworkPolicy = Activation<typename N::Activation> && Encoding<typename N::Encoding> &&
                         requires(const MlpShape& shape) {

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// own_part CAPTURE: an influence of one's own, trained on a capture of PNGs with the headers alone.
+// Lesson 12: a part of your own, trained on a capture, with the headers alone. Here it is an
+// influence: how much a landmark moves a point. `rye capture --png` makes a capture of PNGs:
+//     lesson_12_train_my_part CAPTURE
 #include <rye/rye.hpp>
 
 #include <cstdio>

@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+// evaluations.js FOLDER...: judges the pictures of evaluations (folders with results.json, per_view.json
+// and evaluate_SPLIT, as `rye evaluate` writes them), writes judge.json into each, and prints a table of
+// the judge's numbers beside rye's. judge.sh finds the folders and sets the environment.
+//
+// judge.json: `not_run`, what was not measured and why; `split`, as in results.json; `all` and the groups
+// that per_view.json names, each as measures.js averages it; `views`, the same of each picture.
+"use strict";
+
+const fs = require("node:fs");
+const path = require("node:path");
+const m = require("./measures.js");
+const { dataUrl, identity, landmarker, settings, withModel } = require("./models.js");
+
+function json(file) {
+    try {
+        return JSON.parse(fs.readFileSync(file, "utf8"));
+    } catch (e) {
+        throw new Error(`${file}: ${e.message.split("\n")[0]}`);
+    }
+}
+
+/// Returns an evaluation's split and its pictured views, each with the picture's file.
+function evaluation(folder) {
+    const { split } = json(path.join(folder, "results.json")), views = json(path.join(folder, "per_view.json"));
+    if (typeof split !== "string" || !Array.isArray(views))
+        throw new Error(`${folder}: results.json and per_view.json are not those of rye evaluate`);
+    const pictured = views.filter((v) => v.picture).map((v) =>
+        ({ ...v, file: path.join(folder, `evaluate_${split}`, v.picture) }));
+    for (const v of pictured) if (!fs.existsSync(v.file)) throw new Error(`${v.file}: is missing`);
+    if (!pictured.length) throw new Error(`${folder}/per_view.json: names no pictures`);
+    return { folder, split, views: pictured };
+}
+
+/// Returns what a model sees on the first `count` parts of the pictures of all evaluations, by file; null
+/// if it does not run, and then `not_run` gets the reason.
+async function seen(model, count, what, evaluations, not_run) {
+    try {
+        return await withModel(model, settings(), async (faces) => {
+            const all = {};
+            for (const { views } of evaluations)
+                for (const v of views) all[v.file] = await faces(`parts("${dataUrl(v.file)}", ${count})`);
+            return all;
+        });
+    } catch (e) {
+        not_run.push(`${what}: ${String(e.message).split("\n")[0]}`);
+        return null;
+    }
+}
+
+/// Returns the distance of two identities; null without a face on the photograph.
+function identityDistance([a, b]) {
+    if (!a) return null;
+    return b ? Math.hypot(...a.map((x, i) => x - b[i])) : m.missed.identity;
+}
+
+/// Returns judge.json of an evaluation.
+function judged({ split, views }, faces, identities, not_run) {
+    const all = views.map((v) => ({
+        frame: v.frame, camera: v.camera, picture: v.picture, groups: v.groups ?? [],
+        ...m.compared(faces[v.file], identities ? identityDistance(identities[v.file]) : undefined) }));
+    const out = { not_run, split, all: m.averaged(all) };
+    for (const group of new Set(all.flatMap((v) => v.groups)))
+        out[group] = m.averaged(all.filter((v) => v.groups.includes(group)));
+    return { ...out, views: all };
+}
+
+/// Returns rye's gaze error on the same pictures, and that with the gaze at rest.
+function own(views, judgement) {
+    const errors = ["render", "at_rest"].map((kind) => {
+        const at = views.filter((v, i) => judgement.views[i].gaze?.length && v.eyes_visible > 0);
+        const eyes = at.reduce((s, v) => s + v.eyes_visible, 0);
+        return eyes ? at.reduce((s, v) => s + v.eyes_visible * v.gaze[kind].degrees, 0) / eyes : null;
+    });
+    return { degrees: errors[0], at_rest: errors[1] };
+}
+
+const shown = (x, digits, unit = "") => (x === null || x === undefined ? "-" : x.toFixed(digits) + unit);
+
+function printed(evaluations, judgements) {
+    const titles = ["evaluation", "faces: photograph, render", "landmarks [% of the eyes' distance]",
+                    "irises [% of an eye's width]", "gaze by irises, eyes", "rye's gaze error, same pictures",
+                    "gaze by irises, eyes at rest", "rye's", "eyeBlink", "52 coefficients", "identity"];
+    console.log(`\n| ${titles.join(" | ")} |\n|${"---|".repeat(titles.length)}`);
+    const pairs = [];
+    evaluations.forEach(({ folder, views }, i) => {
+        const { all, views: each } = judgements[i], rye = own(views, judgements[i]);
+        const cells = [
+            folder, `${all.faces.photograph}, ${all.faces.render} of ${all.pictures}`, shown(all.landmarks, 2),
+            shown(all.irises, 2), `${shown(all.gaze.degrees, 2, "°")}, ${all.gaze.eyes}`, shown(rye.degrees, 2, "°"),
+            shown(all.gaze.at_rest, 2, "°"), shown(rye.at_rest, 2, "°"), shown(all.blink, 3),
+            shown(all.coefficients, 3), shown(all.identity, 3)];
+        console.log(`| ${cells.join(" | ")} |`);
+        each.forEach((v, k) => {
+            if (v.gaze?.length && views[k].eyes_visible > 0)
+                pairs.push([m.mean(v.gaze), views[k].gaze.render.degrees, views[k].file]);
+        });
+    });
+    const missed = Object.entries(m.missed).map(([name, x]) => `${x} (${name})`).join(", ");
+    console.log("\nMeans of render against photograph; equal pictures have 0 in each. A face that is found on the "
+        + `photograph alone counts ${missed}. Irises and gaze: of eyes with eyeBlink below ${m.open}, gaze with the `
+        + `camera less than ${m.cone}° beside the face's axis.`);
+    if (!pairs.length) return;
+    console.log(`Gaze by irises against rye's gaze error, over ${pairs.length} pictures: correlation `
+        + `${shown(m.correlation(pairs), 2)}. They differ most on`);
+    pairs.sort((a, b) => Math.abs(b[0] - b[1]) - Math.abs(a[0] - a[1]));
+    for (const [judge, rye, file] of pairs.slice(0, 5))
+        console.log(`  ${file}: ${judge.toFixed(1)}° by irises, ${rye.toFixed(1)}° by rye`);
+}
+
+async function main() {
+    const evaluations = process.argv.slice(2).map(evaluation);
+    const not_run = ["FID: no free model of its features is on npm"];
+    const faces = await seen(landmarker, 3, "landmarks, irises, gaze, coefficients", evaluations, not_run);
+    const identities = faces && (await seen(identity, 2, "identity", evaluations, not_run));
+    for (const line of not_run) console.log(`not run: ${line}`);
+    if (!faces) return;
+    const judgements = evaluations.map((e) => judged(e, faces, identities, not_run));
+    evaluations.forEach(({ folder }, i) => {
+        const file = path.join(folder, "judge.json");
+        fs.writeFileSync(`${file}.tmp`, JSON.stringify(judgements[i], null, 1) + "\n");
+        fs.renameSync(`${file}.tmp`, file);
+    });
+    printed(evaluations, judgements);
+}
+
+if (require.main === module)
+    main().catch((e) => {
+        console.error(`judge: ${e.message}`);
+        process.exit(1);
+    });
+
+module.exports = { evaluation, identityDistance, judged, own };

@@ -1,0 +1,119 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# release.sh TAG OUT: what a version is published as, in the folder OUT, from the commit TAG alone:
+#   source     rye-VERSION.tar.gz
+#   programs   rye-VERSION-linux-x86_64.tar.gz: static programs for each level of processor, and `rye`,
+#              which starts the best one that the machine has (launcher.sh)
+#   packages   Debian packages, of the lowest level
+#   site       rye-VERSION-site.tar.gz
+#   page       rye-VERSION-page.tar.gz: the gaze page with the avatar file HEAD
+#   licences   licences/: of rye and of all that is inside of the programs
+#   checksums  SHA256SUMS
+# A step whose tools are missing is named as not made. Not made yet: programs for aarch64 and Windows, a
+# container file, a page that opens without a web server. From the environment:
+#   STEPS    which of the above, in this order (default: all)
+#   LEVELS   of processors, as -march has them (default: "x86-64 x86-64-v3 x86-64-v4")
+#   HEAD     an avatar file for the page
+set -eu
+[ $# -eq 2 ] || { echo "release.sh: expected two arguments, TAG OUT" >&2; exit 2; }
+tag=$1 out=$2
+here=$(cd "$(dirname "$0")/.." && pwd)
+steps=${STEPS:-source programs packages site page licences checksums}
+levels=${LEVELS:-x86-64 x86-64-v3 x86-64-v4}
+commit=$(git -C "$here" rev-parse --verify --quiet "$tag^{commit}") ||
+    { echo "release.sh: no tag or commit '$tag'" >&2; exit 2; }
+[ ! -e "$out" ] || { echo "release.sh: $out is there already" >&2; exit 2; }
+mkdir -p "$out.work"
+rm -rf "$out.work"/*
+work=$(cd "$out.work" && pwd)
+git -C "$here" archive --prefix=source/ "$commit" | tar -x -C "$work"
+source=$work/source
+version=$(sed -n 's/#define RYE_VERSION_[A-Z]* \([0-9]*\)/\1/p' "$source/include/rye/core/config.hpp" | paste -sd .)
+case $tag in
+    v[0-9]*) [ "$tag" = "v$version" ] ||
+        { echo "release.sh: the tag $tag has the version $version" >&2; exit 2; } ;;
+esac
+mkdir -p "$out"
+out=$(cd "$out" && pwd)
+not_made() { echo "not made: $1: $2"; }
+wanted() { case " $steps " in *" $1 "*) true ;; *) false ;; esac; }
+# One date for all files, the commit's, and one order, so that the same commit gives the same bytes.
+date=$(git -C "$here" show -s --format=%ct "$commit")
+pack() { # FOLDER NAME: of the folder $work
+    tar -C "$work" --sort=name --mtime="@$date" --owner=0 --group=0 --numeric-owner -cf - "$1" |
+        gzip -9n > "$out/$2.tar.gz"
+}
+build() { # FOLDER LEVEL OPTIONS...: of $work
+    folder=$1 level=$2
+    shift 2
+    cmake -S "$source" -B "$work/$folder" -DCMAKE_BUILD_TYPE=Release -DRYE_NATIVE=OFF -DRYE_BUILD_TESTS=OFF \
+        -DRYE_BUILD_EXAMPLES=OFF -DRYE_BUILD_BENCHMARKS=OFF -DCMAKE_CXX_FLAGS="-march=$level" "$@" > "$work/$folder.txt"
+}
+
+if wanted source; then
+    mv "$source" "$work/rye-$version"
+    pack "rye-$version" "rye-$version"
+    mv "$work/rye-$version" "$source"
+fi
+if wanted programs; then
+    programs=$work/rye-$version-linux-x86_64
+    mkdir "$programs"
+    echo 'set(CMAKE_FIND_LIBRARY_SUFFIXES .a)' > "$work/static.cmake"
+    for level in $levels; do
+        # HDF5 of Debian has no static library that stands alone: `rye import xgaze` says so.
+        build "$level" "$level" -DRYE_BUILD_C=OFF -DRYE_HDF5_LIBRARY= -DRYE_HDF5_INCLUDE= \
+            -DCMAKE_PROJECT_rye_INCLUDE="$work/static.cmake" -DCMAKE_EXE_LINKER_FLAGS=-static
+        cmake --build "$work/$level" --target rye_program >> "$work/$level.txt"
+        strip -o "$programs/rye-$level" "$work/$level/rye"
+        ! ldd "$programs/rye-$level" > "$work/ldd.txt" 2>&1 || { cat "$work/ldd.txt"; echo "release.sh: not static" >&2; exit 1; }
+    done
+    install -m 755 "$source/packaging/launcher.sh" "$programs/rye"
+    cp "$source/LICENSE" "$programs/"
+    "$programs/rye" --version
+    pack "rye-$version-linux-x86_64" "rye-$version-linux-x86_64"
+fi
+if wanted packages; then
+    if command -v dpkg-shlibdeps > /dev/null; then
+        build packages x86-64 -DRYE_BUILD_C=ON
+        cmake --build "$work/packages" >> "$work/packages.txt"
+        (cd "$work/packages" && cpack -G DEB >> "$work/packages.txt")
+        cp "$work/packages"/*.deb "$out/"
+    else
+        not_made packages "no dpkg-shlibdeps (Debian package dpkg-dev)"
+    fi
+fi
+if wanted site; then
+    if command -v doxygen > /dev/null; then
+        sh "$source/docs/site/site.sh" "$source" "$work/rye-$version-site"
+        pack "rye-$version-site" "rye-$version-site"
+    else
+        not_made site "no doxygen (Debian package doxygen)"
+    fi
+fi
+if wanted page; then
+    if [ -z "${HEAD:-}" ]; then
+        not_made page "HEAD names no avatar file"
+    elif ! command -v em++ > /dev/null; then
+        not_made page "no em++ (Debian package emscripten)"
+    else
+        sh "$source/examples/gaze_page/build.sh" "$HEAD" "$work/rye-$version-page"
+        rm -rf "$work/rye-$version-page/objects"
+        pack "rye-$version-page" "rye-$version-page"
+        cp "$HEAD" "$out/head.avatar"
+    fi
+fi
+if wanted licences; then
+    mkdir "$out/licences"
+    cp "$source/LICENSE" "$out/licences/rye"
+    for package in libeigen3-dev libxsimd-dev libcli11-dev nlohmann-json3-dev libjpeg62-turbo-dev libpng-dev \
+        zlib1g-dev libc6-dev libgcc-12-dev libgcc-14-dev; do
+        [ -f "/usr/share/doc/$package/copyright" ] || continue
+        cp "/usr/share/doc/$package/copyright" "$out/licences/$package"
+    done
+fi
+if wanted checksums; then
+    (cd "$out" && find . -type f | sed 's|^\./||' | sort | xargs sha256sum) > "$work/SHA256SUMS"
+    mv "$work/SHA256SUMS" "$out/"
+fi
+echo "rye $version of $commit:"
+(cd "$out" && find . -maxdepth 1 -type f | sort | xargs -r wc -c)
