@@ -125,7 +125,7 @@ bool has_hdf5() { return true; }
 
 Hdf5File::Hdf5File(const std::filesystem::path& path) : name_(path.string()) {
     prepare_library();
-    detail::regular_file_size(path);
+    rye::detail::regular_file_size(path);
     const hid_t file = H5Fopen(name_.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
     require(file >= 0, name_, "is not an HDF5 file, or is damaged");
     handle_ = std::make_unique<Handle>(Handle{file, name_});

@@ -230,7 +230,8 @@ std::array<EyeballInHead, 2> average_eyes(const Capture& capture) {
         std::array<std::vector<double>, 3> all;
         for (const int i : capture.train) {
             const CaptureFrame& f = capture.frames[static_cast<std::size_t>(i)];
-            const Vec3<double> lids = detail::eye_landmark_centre(to_canonical(f, f.landmarks), e);
+            const Vec3<double> lids =
+                rye::detail::eye_landmark_centre(to_canonical(f, f.landmarks), e);
             for (std::size_t d = 0; d < 3; ++d) all[d].push_back(lids[static_cast<Index>(d)]);
         }
         const Vec3<double> lids(median(all[0]), median(all[1]), median(all[2]));
