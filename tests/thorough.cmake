@@ -33,7 +33,7 @@ if(TARGET test_evaluate)
   add_executable(landmarks_of_expressions evaluate/expressions.cpp)
   target_link_libraries(landmarks_of_expressions PRIVATE rye_trainer)
   target_precompile_headers(landmarks_of_expressions REUSE_FROM rye_precompiled)
-  # ... and captures with wrong labels, for docs/refine.md.
+  # ... and how far labels are from others, for docs/results/evaluation.md.
   add_executable(wrong_labels evaluate/wrong_labels.cpp)
   target_link_libraries(wrong_labels PRIVATE rye_trainer)
   target_precompile_headers(wrong_labels REUSE_FROM rye_precompiled)

@@ -1,22 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// wrong_labels make CAPTURE OUT [SEED]: a copy whose training frames have the errors of trackers:
-// gazes 4 degrees off (both eyes alike) and 2 more (each eye), head poses 0.6 degrees and 1 mm,
-// half of the expression coefficients that differ between frames 0.06; normally distributed, their
-// root mean squares as stated; a unit is taken as 100 mm.
 // wrong_labels compare CAPTURE OTHER: how far the labels of OTHER's training frames are from those
 // of CAPTURE.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <exception>
 #include <string>
 
-#include <rye/core/random.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
-#include "data/changed_labels.hpp"
 #include "data/validate.hpp"
-#include "training/refine.hpp"
 
 using namespace rye;
 using namespace rye::trainer;
@@ -24,30 +18,6 @@ using namespace rye::trainer;
 namespace {
 
 constexpr double degree = 0.017453292519943295;
-
-void make(const std::string& from, const std::string& out, std::uint64_t seed) {
-    const Capture capture = read_valid_capture(from);
-    const std::vector<Index> active = refined_coefficients(capture, RefinedExpression::active);
-    const Random random{seed, 17};
-    std::uint64_t drawn = 0;
-    const auto normal = [&](double rms) { return rms * random.normal(drawn++); };
-    std::vector<LabelChange> changes;
-    for (const int f : capture.train) {
-        LabelChange c;
-        const CaptureFrame& frame = capture.frames[static_cast<std::size_t>(f)];
-        c.frame = frame.id;
-        const double both = 4 * degree / std::sqrt(2.0), each = 2 * degree / std::sqrt(2.0);
-        const Vec2<double> alike(normal(both), normal(both));
-        for (Vec2<double>& gaze : c.gaze) gaze = alike + Vec2<double>(normal(each), normal(each));
-        for (Index i = 0; i < 3; ++i) c.pose[i] = normal(0.6 * degree / std::sqrt(3.0));
-        for (Index i = 3; i < 6; ++i) c.pose[i] = normal(0.01 / std::sqrt(3.0));
-        c.expression.assign(frame.expression.size(), 0);
-        for (std::size_t k = 0; k < active.size(); k += 2)
-            c.expression[static_cast<std::size_t>(active[k])] = normal(0.06);
-        changes.push_back(c);
-    }
-    write_changed_capture(from, out, changes, HeadPoints::moved);
-}
 
 /// Sum and sum of squares of errors.
 struct Errors {
@@ -93,13 +63,9 @@ void compare(const std::string& right, const std::string& other) {
 
 int main(int argc, char** argv) {
     try {
-        const std::string what = argc > 1 ? argv[1] : "";
-        if (what == "make" && (argc == 4 || argc == 5))
-            make(argv[2], argv[3], argc == 5 ? std::stoull(argv[4]) : 1);
-        else if (what == "compare" && argc == 4)
-            compare(argv[2], argv[3]);
-        else
-            throw Error("wrong_labels: expected make CAPTURE OUT [SEED] or compare CAPTURE OTHER");
+        if (argc != 4 || std::string(argv[1]) != "compare")
+            throw Error("wrong_labels: expected compare CAPTURE OTHER");
+        compare(argv[2], argv[3]);
     } catch (const std::exception& e) {
         std::fprintf(stderr, "%s\n", e.what());
         return 1;
