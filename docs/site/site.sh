@@ -137,8 +137,7 @@ if [ -s "$work/warnings.txt" ]; then
     exit 1
 fi
 # Doxygen 1.9.4 links a list of types that a class keeps to itself, and writes none.
-grep -l '<a href="#nested-classes">' "$out"/class*.html "$out"/struct*.html | while read -r file; do
-    grep -q 'name="nested-classes"' "$file" || sed -i 's|<a href="#nested-classes">Classes</a> &#124;||' "$file"
-done
+grep -L 'name="nested-classes"' "$out"/class*.html "$out"/struct*.html |
+    xargs sed -i 's|<a href="#nested-classes">Classes</a> &#124;||'
 sh "$here/links.sh" "$out"
 echo "the site: $out"

@@ -30,7 +30,7 @@ const shown = ["index", "guide", "program", "gallery", "lessons", "parts", "resu
     try {
         const visit = async (name) => {
             await browser.call("Page.navigate", { url: `http://127.0.0.1:${server.address().port}/${name}.html` });
-            await browser.until(`document.readyState === "complete" && location.pathname.endsWith("/${name}.html")`, 20000);
+            await browser.until(`document.readyState === "complete" && location.pathname.endsWith("/${name}.html")`, 120000);
         };
         for (const width of [1440, 390]) {
             await browser.view(width, 900, width < 500);
@@ -51,11 +51,11 @@ const shown = ["index", "guide", "program", "gallery", "lessons", "parts", "resu
                 if (shown.includes(name)) await browser.screenshot(path.join(pictures, `${name}_${width}.png`));
             }
             await visit("index");
-            await browser.until(`document.getElementById("MSearchField") !== null`, 5000);
+            await browser.until(`document.getElementById("MSearchField") !== null`, 60000);
             await browser.evaluate(`(() => { const f = document.getElementById("MSearchField"); f.focus();
                 f.value = "AvatarTrainer"; searchBox.OnSearchFieldFocus(true); searchBox.Search(); })()`);
             await browser.until(`[...document.querySelectorAll("iframe")].concat([...document.querySelectorAll("#MSearchResults")])
-                .some((e) => ((e.contentDocument && e.contentDocument.body) || e).textContent.includes("AvatarTrainer"))`, 5000);
+                .some((e) => ((e.contentDocument && e.contentDocument.body) || e).textContent.includes("AvatarTrainer"))`, 60000);
             await browser.screenshot(path.join(pictures, `search_${width}.png`));
         }
         for (const fault of browser.faults.filter((f) => !f.includes("favicon.ico"))) { console.log(`fault: ${fault}`); ++wrong; }
