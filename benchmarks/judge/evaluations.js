@@ -68,14 +68,14 @@ function own(views, judgement) {
 
 const shown = (x, digits, unit = "") => (x === null || x === undefined ? "-" : x.toFixed(digits) + unit);
 
-function printed(evaluations, judgements) {
+function printed(judgements) {
     const titles = ["evaluation", "faces: photograph, render", "landmarks [% of the eyes' distance]",
                     "irises [% of an eye's width]", "gaze by irises, eyes", "rye's gaze error, same pictures",
                     "gaze by irises, eyes at rest", "rye's", "eyeBlink", "52 coefficients", "identity"];
     console.log(`\n| ${titles.join(" | ")} |\n|${"---|".repeat(titles.length)}`);
     const pairs = [];
-    evaluations.forEach(({ folder, views }, i) => {
-        const { all, views: each } = judgements[i], rye = own(views, judgements[i]);
+    judgements.forEach(([{ folder, views }, found]) => {
+        const { all, views: each } = found, rye = own(views, found);
         const cells = [
             folder, `${all.faces.photograph}, ${all.faces.render} of ${all.pictures}`, shown(all.landmarks, 2),
             shown(all.irises, 2), `${shown(all.gaze.degrees, 2, "°")}, ${all.gaze.eyes}`, shown(rye.degrees, 2, "°"),
@@ -99,13 +99,15 @@ function printed(evaluations, judgements) {
         console.log(`  ${file}: ${judge.toFixed(1)}° by irises, ${rye.toFixed(1)}° by rye`);
 }
 
-/// Returns judge.json of an evaluation, which is written if there is none, or one that lacks what runs now.
+/// Returns judge.json of an evaluation, which is written if there is none, or one that lacks what runs now;
+/// null if there is none and no faces are found.
 async function judgement(e, { faces, identities }, not_run) {
     const file = path.join(e.folder, "judge.json");
     if (fs.existsSync(file)) {
         const old = json(file);
-        if (old.not_run?.every((line) => not_run.includes(line))) return old;
+        if (!faces || old.not_run?.every((line) => not_run.includes(line))) return old;
     }
+    if (!faces) return null;
     const looked = [await seen(faces, 3, e.views), identities && (await seen(identities, 2, e.views))];
     const text = JSON.stringify(judged(e, ...looked, not_run), null, 1);
     fs.writeFileSync(`${file}.tmp`, `${text}\n`);
@@ -114,7 +116,7 @@ async function judgement(e, { faces, identities }, not_run) {
 }
 
 async function main() {
-    const evaluations = process.argv.slice(2).map(evaluation), models = {}, judgements = [];
+    const evaluations = process.argv.slice(2).map(evaluation), models = {}, done = [];
     const not_run = ["FID: no free model of its features is on npm"];
     try {
         for (const [name, model, what] of [["faces", landmarker, "landmarks, irises, gaze, coefficients"],
@@ -125,12 +127,12 @@ async function main() {
                 not_run.push(`${what}: ${String(e.message).split("\n")[0]}`);
             }
         for (const line of not_run) console.log(`not run: ${line}`);
-        if (models.faces)
-            for (const e of evaluations) judgements.push(await judgement(e, models, not_run));
+        for (const e of evaluations) done.push([e, await judgement(e, models, not_run)]);
     } finally {
         for (const model of Object.values(models)) await model.end();
     }
-    if (judgements.length) printed(evaluations, judgements);
+    const there = done.filter(([, found]) => found);
+    if (there.length) printed(there);
 }
 
 if (require.main === module)

@@ -182,11 +182,13 @@ function model(answers) {
 }
 async function files() {
     const written = () => JSON.parse(fs.readFileSync(path.join(folder, "judge.json"), "utf8"));
+    assert.strictEqual(await judgement(read, {}, []), null);
     const models = { faces: model([faces[first], faces[second]]) };
     const told = await judgement(read, models, ["identity: no"]);
     assert.deepStrictEqual(told, written());
     assert.deepStrictEqual(told, JSON.parse(JSON.stringify(out)));
     // What is there is kept, unless a model runs that did not.
+    assert.deepStrictEqual(await judgement(read, {}, []), told);
     assert.deepStrictEqual(await judgement(read, { faces: model([]) }, ["identity: no", "more: no"]), told);
     const both = { faces: model([faces[first], faces[second]]), identities: model([[[0, 0], [0, 2]], [[1], null]]) };
     near((await judgement(read, both, [])).all.identity, 1.5);
