@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // evaluations.js FOLDER...: judges the pictures of evaluations (folders with results.json, per_view.json
-// and evaluate_SPLIT, as `rye evaluate` writes them), writes judge.json into each, and prints a table of
-// the judge's numbers beside rye's. judge.sh finds the folders and sets the environment.
+// and evaluate_SPLIT, as `rye evaluate` writes them), writes judge.json into each that has none, and prints
+// a table of the judge's numbers beside rye's. judge.sh finds the folders and sets the environment.
 //
 // judge.json: `not_run`, what was not measured and why; `split`, as in results.json; `all` and the groups
 // that per_view.json names, each as measures.js averages it; `views`, the same of each picture.
@@ -10,7 +10,7 @@
 const fs = require("node:fs");
 const path = require("node:path");
 const m = require("./measures.js");
-const { dataUrl, identity, landmarker, settings, withModel } = require("./models.js");
+const { dataUrl, identity, landmarker, settings, started } = require("./models.js");
 
 function json(file) {
     try {
@@ -32,20 +32,11 @@ function evaluation(folder) {
     return { folder, split, views: pictured };
 }
 
-/// Returns what a model sees on the first `count` parts of the pictures of all evaluations, by file; null
-/// if it does not run, and then `not_run` gets the reason.
-async function seen(model, count, what, evaluations, not_run) {
-    try {
-        return await withModel(model, settings(), async (faces) => {
-            const all = {};
-            for (const { views } of evaluations)
-                for (const v of views) all[v.file] = await faces(`parts("${dataUrl(v.file)}", ${count})`);
-            return all;
-        });
-    } catch (e) {
-        not_run.push(`${what}: ${String(e.message).split("\n")[0]}`);
-        return null;
-    }
+/// Returns what a model sees on the first `count` parts of pictures, by file.
+async function seen(model, count, views) {
+    const all = {};
+    for (const v of views) all[v.file] = await model.faces(`parts("${dataUrl(v.file)}", ${count})`);
+    return all;
 }
 
 /// Returns the distance of two identities; null without a face on the photograph.
@@ -77,14 +68,14 @@ function own(views, judgement) {
 
 const shown = (x, digits, unit = "") => (x === null || x === undefined ? "-" : x.toFixed(digits) + unit);
 
-function printed(evaluations, judgements) {
+function printed(judgements) {
     const titles = ["evaluation", "faces: photograph, render", "landmarks [% of the eyes' distance]",
                     "irises [% of an eye's width]", "gaze by irises, eyes", "rye's gaze error, same pictures",
                     "gaze by irises, eyes at rest", "rye's", "eyeBlink", "52 coefficients", "identity"];
     console.log(`\n| ${titles.join(" | ")} |\n|${"---|".repeat(titles.length)}`);
     const pairs = [];
-    evaluations.forEach(({ folder, views }, i) => {
-        const { all, views: each } = judgements[i], rye = own(views, judgements[i]);
+    judgements.forEach(([{ folder, views }, found]) => {
+        const { all, views: each } = found, rye = own(views, found);
         const cells = [
             folder, `${all.faces.photograph}, ${all.faces.render} of ${all.pictures}`, shown(all.landmarks, 2),
             shown(all.irises, 2), `${shown(all.gaze.degrees, 2, "°")}, ${all.gaze.eyes}`, shown(rye.degrees, 2, "°"),
@@ -108,20 +99,40 @@ function printed(evaluations, judgements) {
         console.log(`  ${file}: ${judge.toFixed(1)}° by irises, ${rye.toFixed(1)}° by rye`);
 }
 
+/// Returns judge.json of an evaluation, which is written if there is none, or one that lacks what runs now;
+/// null if there is none and no faces are found.
+async function judgement(e, { faces, identities }, not_run) {
+    const file = path.join(e.folder, "judge.json");
+    if (fs.existsSync(file)) {
+        const old = json(file);
+        if (!faces || old.not_run?.every((line) => not_run.includes(line))) return old;
+    }
+    if (!faces) return null;
+    const looked = [await seen(faces, 3, e.views), identities && (await seen(identities, 2, e.views))];
+    const text = JSON.stringify(judged(e, ...looked, not_run), null, 1);
+    fs.writeFileSync(`${file}.tmp`, `${text}\n`);
+    fs.renameSync(`${file}.tmp`, file);
+    return JSON.parse(text);
+}
+
 async function main() {
-    const evaluations = process.argv.slice(2).map(evaluation);
+    const evaluations = process.argv.slice(2).map(evaluation), models = {}, done = [];
     const not_run = ["FID: no free model of its features is on npm"];
-    const faces = await seen(landmarker, 3, "landmarks, irises, gaze, coefficients", evaluations, not_run);
-    const identities = faces && (await seen(identity, 2, "identity", evaluations, not_run));
-    for (const line of not_run) console.log(`not run: ${line}`);
-    if (!faces) return;
-    const judgements = evaluations.map((e) => judged(e, faces, identities, not_run));
-    evaluations.forEach(({ folder }, i) => {
-        const file = path.join(folder, "judge.json");
-        fs.writeFileSync(`${file}.tmp`, JSON.stringify(judgements[i], null, 1) + "\n");
-        fs.renameSync(`${file}.tmp`, file);
-    });
-    printed(evaluations, judgements);
+    try {
+        for (const [name, model, what] of [["faces", landmarker, "landmarks, irises, gaze, coefficients"],
+                                           ["identities", identity, "identity"]])
+            try {
+                models[name] = await started(model, settings());
+            } catch (e) {
+                not_run.push(`${what}: ${String(e.message).split("\n")[0]}`);
+            }
+        for (const line of not_run) console.log(`not run: ${line}`);
+        for (const e of evaluations) done.push([e, await judgement(e, models, not_run)]);
+    } finally {
+        for (const model of Object.values(models)) await model.end();
+    }
+    const there = done.filter(([, found]) => found);
+    if (there.length) printed(there);
 }
 
 if (require.main === module)
@@ -130,4 +141,4 @@ if (require.main === module)
         process.exit(1);
     });
 
-module.exports = { evaluation, identityDistance, judged, own };
+module.exports = { evaluation, identityDistance, judged, judgement, own };

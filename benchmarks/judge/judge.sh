@@ -4,7 +4,7 @@
 # here, in a headless Chromium: landmarks, irises, gaze by irises, eyeBlink and 52 coefficients by
 # MediaPipe's face landmarker, identity by npm's @vladmandic/face-api. OUT is a folder under which there
 # are evaluations (results.json beside evaluate_SPLIT). Prints a table, and writes judge.json into each
-# evaluation, which `rye compare`, wrong_labels.py, ladder.sh and figures.sh put into their tables.
+# evaluation that has none, which `rye compare`, wrong_labels.py, ladder.sh and figures.sh put into their tables.
 # judge.sh --photographs CAPTURE: what the judge itself knows of gaze: its error on the photographs of a
 # capture with labels.
 # What is not installed is named in a line that begins with "not run: ". The models have licences of

@@ -21,11 +21,9 @@ const page = `(() => {
         c.width = w; c.height = h;
         return c;
     };
-    const zoomed = (source, x, w, h, shift = 0) => {
-        const zoom = Math.max(1, Math.round(768 / w)), c = canvas(w * zoom, h * zoom), g = c.getContext("2d");
-        g.fillStyle = "white";
-        g.fillRect(0, 0, c.width, c.height);
-        g.drawImage(source, x, 0, w, h, shift * zoom, shift * zoom, c.width, c.height);
+    const zoomed = (source, x, w, h) => {
+        const zoom = Math.max(1, Math.round(768 / w)), c = canvas(w * zoom, h * zoom);
+        c.getContext("2d").drawImage(source, x, 0, w, h, 0, 0, c.width, c.height);
         return c;
     };
     // The first of photograph, render and render with the gaze at rest, which rye evaluate puts 2 pixels apart.
@@ -34,8 +32,8 @@ const page = `(() => {
         if (w !== Math.floor(w)) throw new Error("no three pictures side by side");
         return [0, 1, 2].slice(0, count).map((k) => zoomed(image, k * (w + 2), w, image.height));
     };
-    // A picture of a capture before white, and the same with each shift [pixels].
-    window.photograph = async (url, mask, over_black, shifts) => {
+    // A picture of a capture before white.
+    window.photograph = async (url, mask, over_black) => {
         const image = await picture(url), c = canvas(image.width, image.height);
         const g = c.getContext("2d", { willReadFrequently: true });
         g.drawImage(await picture(mask), 0, 0, c.width, c.height);
@@ -45,7 +43,15 @@ const page = `(() => {
         for (let i = 0; i < d.data.length; ++i)
             if (i % 4 < 3) d.data[i] = (over_black ? d.data[i] : (d.data[i] * m[i]) / 255) + 255 - m[i];
         g.putImageData(d, 0, 0);
-        return shifts.map((shift) => zoomed(c, 0, c.width, c.height, shift));
+        return [zoomed(c, 0, c.width, c.height)];
+    };
+    // The face of a canvas; photographs are the same in many evaluations.
+    const known = new Map();
+    window.once = async (c) => {
+        const pixels = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;
+        const key = [c.width, ...new Uint8Array(await crypto.subtle.digest("SHA-256", pixels))].join();
+        if (!known.has(key)) known.set(key, await face(c));
+        return known.get(key);
     };
     window.script = (url) => new Promise((resolve, reject) => {
         const s = document.createElement("script");
@@ -101,15 +107,21 @@ const identity = {
     })()`,
 };
 
-/// Calls use(faces), where faces(expression) returns the faces of the canvases that an expression of the
-/// page returns. Throws an Error that says what is missing, or what the page says.
-async function withModel(model, { chromium, modules, task }, use) {
+/// Starts a model. Returns faces(expression), which returns the faces of the canvases that an expression
+/// of the page returns, looking at each picture once, and end(). Throws an Error that says what is
+/// missing, or what the page says.
+async function started(model, { chromium, modules, task }) {
     if (!fs.existsSync(path.join(modules, model.package, model.file)))
         throw new Error(`no ${model.package} in ${modules}`);
     if (model === landmarker && !task) throw new Error("no FACE_LANDMARKER, the path of face_landmarker.task");
     if (model === landmarker && !fs.existsSync(task)) throw new Error(`no file ${task}`);
     const own = fs.mkdtempSync(path.join(os.tmpdir(), "rye-models-"));
     let server = null, browser = null;
+    const end = async () => {
+        if (browser) await browser.end();
+        if (server) server.close();
+        fs.rmSync(own, { recursive: true, force: true });
+    };
     try {
         const policy = "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'";
         fs.writeFileSync(path.join(own, "empty.html"), `<!doctype html><title>models</title>
@@ -121,16 +133,15 @@ async function withModel(model, { chromium, modules, task }, use) {
         await browser.until("document.title === 'models'", 20000);
         await browser.evaluate(page);
         await browser.evaluate(model.start);
-        return await use((canvases) => browser.evaluate(`(async () => {
-            const all = [];
-            for (const c of await ${canvases}) all.push(await face(c));
-            return all;
-        })()`));
-    } finally {
-        if (browser) await browser.end();
-        if (server) server.close();
-        fs.rmSync(own, { recursive: true, force: true });
+    } catch (e) {
+        await end();
+        throw e;
     }
+    return { end, faces: (canvases) => browser.evaluate(`(async () => {
+        const all = [];
+        for (const c of await ${canvases}) all.push(await once(c));
+        return all;
+    })()`) };
 }
 
 /// Returns a file as an address that a page can load.
@@ -144,4 +155,4 @@ function settings() {
     return { chromium: process.env.CHROMIUM, modules: process.env.MODULES, task: process.env.FACE_LANDMARKER };
 }
 
-module.exports = { dataUrl, identity, landmarker, settings, withModel };
+module.exports = { dataUrl, identity, landmarker, settings, started };

@@ -9,7 +9,7 @@ const path = require("node:path");
 const zlib = require("node:zlib");
 const m = require("../../benchmarks/judge/measures.js");
 const { gazesOf, numbers, unzipped } = require("../../benchmarks/judge/labels.js");
-const { evaluation, identityDistance, judged, own } = require("../../benchmarks/judge/evaluations.js");
+const { evaluation, identityDistance, judged, judgement, own } = require("../../benchmarks/judge/evaluations.js");
 
 const work = process.argv[2];
 const near = (x, y, bound = 1e-9) => assert.ok(Math.abs(x - y) <= bound, `${x}, expected ${y}`);
@@ -174,6 +174,32 @@ assert.strictEqual(out.all.identity, null);
 assert.deepStrictEqual(own(read.views, out), { degrees: 1, at_rest: 20 });  // where the judge sees a gaze
 const named = judged(read, faces, { [first]: [[0, 0], [0, 2]], [second]: [[1], null] }, []);
 near(named.all.identity, 1.5);
-fs.writeFileSync(path.join(folder, "per_view.json"), "[");
-assert.throws(() => evaluation(folder), /per_view\.json: /);
-console.log("judge_test: passed");
+
+/// A model that answers in turn, of as many parts as it is asked for.
+function model(answers) {
+    const all = [...answers];
+    return { faces: async (parts) => all.shift().slice(0, Number(/(\d)\)$/.exec(parts)[1])), left: () => all.length };
+}
+async function files() {
+    const written = () => JSON.parse(fs.readFileSync(path.join(folder, "judge.json"), "utf8"));
+    assert.strictEqual(await judgement(read, {}, []), null);
+    const models = { faces: model([faces[first], faces[second]]) };
+    const told = await judgement(read, models, ["identity: no"]);
+    assert.deepStrictEqual(told, written());
+    assert.deepStrictEqual(told, JSON.parse(JSON.stringify(out)));
+    // What is there is kept, unless a model runs that did not.
+    assert.deepStrictEqual(await judgement(read, {}, []), told);
+    assert.deepStrictEqual(await judgement(read, { faces: model([]) }, ["identity: no", "more: no"]), told);
+    const both = { faces: model([faces[first], faces[second]]), identities: model([[[0, 0], [0, 2]], [[1], null]]) };
+    near((await judgement(read, both, [])).all.identity, 1.5);
+    assert.strictEqual(both.faces.left() + both.identities.left(), 0);
+    assert.deepStrictEqual(await judgement(read, { faces: model([]) }, ["identity: no"]), written());
+    assert.deepStrictEqual(fs.readdirSync(folder).sort(),
+                           ["evaluate_test", "judge.json", "per_view.json", "results.json"]);
+    fs.writeFileSync(path.join(folder, "per_view.json"), "[");
+    assert.throws(() => evaluation(folder), /per_view\.json: /);
+}
+files().then(() => console.log("judge_test: passed"), (e) => {
+    console.error(e);
+    process.exit(1);
+});
