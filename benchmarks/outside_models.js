@@ -12,7 +12,7 @@
 const fs = require("node:fs");
 const os = require("node:os");
 const path = require("node:path");
-const { Browser, serve } = require("../tests/gaze_page/browser.js");
+const { Browser, serve } = require("../examples/video_tracker/browser.js");
 
 const missed = { landmarks: 100, identity: 1, irises: 50 };
 const packages = { "@vladmandic/face-api": "dist/face-api.js", "@mediapipe/face_mesh": "face_mesh.js" };
