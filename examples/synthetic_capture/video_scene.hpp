@@ -3,8 +3,6 @@
 /// and looks around, with all labels known. World and units of scene.hpp; angles in degrees.
 #pragma once
 
-#include <filesystem>
-
 #include "synthetic_capture/scene.hpp"
 
 namespace rye::trainer {
@@ -23,11 +21,5 @@ struct VideoSettings {
 /// Throws an Error for settings out of their bounds.
 CaptureScene video_scene(const HeadModel& model, const CaptureSettings& settings,
                          const VideoSettings& video);
-
-/// Writes the pictures of such a capture, before a plain wall, as a video: by ffmpeg in H.264, or
-/// where the name ends in .y4m as it is. Throws an Error that names ffmpeg's package where it is
-/// needed and missing.
-void write_video(const std::filesystem::path& capture, const CaptureScene& scene, int rate,
-                 const std::filesystem::path& file);
 
 } // namespace rye::trainer

@@ -11,6 +11,7 @@
 #include <rye/core/error.hpp>
 
 #include "commands/commands.hpp"
+#include "commands/film.hpp"
 #include "commands/options.hpp"
 #include "data/threads.hpp"
 #include "synthetic_capture/video_scene.hpp"
@@ -56,6 +57,7 @@ void publish(const fs::path& finished, const fs::path& out) {
 
 void run(const Options& o) {
     check_out(o);
+    if (!o.video.empty()) check_film(o.video);
     set_threads(o.threads);
     const auto start = std::chrono::steady_clock::now();
     const auto seconds = [&] {
@@ -78,7 +80,7 @@ void run(const Options& o) {
                         terminal && done != of ? "" : "\n");
             std::fflush(stdout);
         });
-        if (!o.video.empty()) write_video(unfinished, scene, film.rate, o.video);
+        if (!o.video.empty()) write_film(unfinished, scene, film.rate, o.video);
         publish(unfinished, o.out);
     } catch (...) {
         std::error_code ignored;

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "commands/film.hpp"
+
 #include <cmath>
 #include <memory>
 
 #include <rye/core/error.hpp>
 
 #include "data/moving_picture.hpp"
+#include "data/picture.hpp"
 #include "data/process.hpp"
-#include "synthetic_capture/video_scene.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -31,13 +33,16 @@ void put_before_wall(Image8& picture, const Image8& mask) {
 
 } // namespace
 
-void write_video(const fs::path& capture, const CaptureScene& scene, int rate,
-                 const fs::path& file) {
-    const bool plain = extension_of(file) == ".y4m";
-    const auto ffmpeg = find_program({"ffmpeg"});
-    require(plain || ffmpeg, file.string(),
+void check_film(const fs::path& file) {
+    require(extension_of(file) == ".y4m" || find_program({"ffmpeg"}), file.string(),
             "needs ffmpeg, which is not installed: `apt-get install ffmpeg`; a name that ends in "
             ".y4m needs none");
+}
+
+void write_film(const fs::path& capture, const CaptureScene& scene, int rate,
+                const fs::path& file) {
+    check_film(file);
+    const bool plain = extension_of(file) == ".y4m";
     fs::path pictures = file;
     if (!plain) pictures += ".y4m";
     {
@@ -56,7 +61,7 @@ void write_video(const fs::path& capture, const CaptureScene& scene, int rate,
     }
     if (plain) return;
     const ProgramEnd end =
-        run_program({ffmpeg->string(), "-hide_banner", "-loglevel", "error", "-y", "-i",
+        run_program({find_program({"ffmpeg"})->string(), "-hide_banner", "-loglevel", "error", "-y", "-i",
                      pictures.string(), "-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p",
                      file.string()});
     fs::remove(pictures);
