@@ -104,13 +104,14 @@ Vec3<double> middle_of_lids(const Columns<double>& landmarks, std::size_t eye) {
     return sum;
 }
 
-/// Diameter of an iris in the picture: along the longer of its two axes [px].
+/// Diameter of an iris in the picture [px]: the longer axis of the ellipse through its rim, of which
+/// two diameters that were at right angles are seen.
 double iris_pixels(const TrackedPicture& p, std::size_t eye) {
     const Index rim = face_iris[eye] + 1;
-    const auto apart = [&](Index a, Index b) {
-        return (p.landmarks.col(rim + a) - p.landmarks.col(rim + b)).head<2>().norm();
-    };
-    return std::max(apart(0, 2), apart(1, 3));
+    const Vec2<double> a = (p.landmarks.col(rim) - p.landmarks.col(rim + 2)).head<2>(),
+                       b = (p.landmarks.col(rim + 1) - p.landmarks.col(rim + 3)).head<2>();
+    const double sum = a.squaredNorm() + b.squaredNorm(), area = a.x() * b.y() - a.y() * b.x();
+    return std::sqrt(0.5 * (sum + std::sqrt(std::max(0.0, sum * sum - 4 * area * area))));
 }
 
 /// Returns the direction from an eyeball's centre, in the camera, to where the ray of a pixel meets
