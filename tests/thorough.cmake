@@ -11,7 +11,7 @@ endif()
 
 # Sources for imports, and the program that writes them for the commands of docs/results/importing.md.
 if(TARGET test_importers)
-  add_library(import_sources STATIC importers/comparison.cpp importers/sources.cpp
+  add_library(import_sources STATIC importers/comparison.cpp importers/sources.cpp importers/video_tracks_source.cpp
                                     importers/xgaze_source.cpp)
   target_link_libraries(import_sources PUBLIC rye_trainer)
   target_precompile_headers(import_sources REUSE_FROM rye_precompiled)
@@ -22,6 +22,10 @@ if(TARGET test_importers)
   add_executable(make_import_source importers/make_source.cpp)
   target_link_libraries(make_import_source PRIVATE import_sources)
   target_precompile_headers(make_import_source REUSE_FROM rye_precompiled)
+  # ... and the differences of a video's capture from the truth, for docs/video.md.
+  add_executable(video_truth importers/video_truth.cpp)
+  target_link_libraries(video_truth PRIVATE rye_trainer)
+  target_precompile_headers(video_truth REUSE_FROM rye_precompiled)
 endif()
 
 # The gaze estimator on the photographs of a capture, for docs/results/evaluation.md.
@@ -136,6 +140,11 @@ if(TARGET rye_program)
   rye_check(gaze_page gaze_page/gaze_page.sh $<TARGET_FILE:rye_program>
             ${CMAKE_CURRENT_BINARY_DIR}/gaze_page)
   set_tests_properties(gaze_page PROPERTIES RUN_SERIAL ON TIMEOUT 900 SKIP_RETURN_CODE 77)
+  if(TARGET video_truth)
+    rye_check(video importers/video.sh $<TARGET_FILE:rye_program> $<TARGET_FILE:video_truth>
+              ${CMAKE_CURRENT_BINARY_DIR}/video)
+    set_tests_properties(video PROPERTIES PROCESSORS 2 TIMEOUT 1200 SKIP_RETURN_CODE 77)
+  endif()
   rye_check(crash_safety programs/crash_safety.sh $<TARGET_FILE:rye_program>
             ${CMAKE_CURRENT_BINARY_DIR}/crash_safety)
   set_tests_properties(crash_safety PROPERTIES TIMEOUT 1200)

@@ -6,7 +6,7 @@
 const fs = require("node:fs");
 const os = require("node:os");
 const path = require("node:path");
-const { Browser, serve } = require("../../tests/gaze_page/browser.js");
+const { Browser, serve } = require("../../examples/video_tracker/browser.js");
 
 /// Run in the page: pictures as canvases of about 768 pixels, which detectors want.
 const page = `(() => {

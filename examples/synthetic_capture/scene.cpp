@@ -104,32 +104,6 @@ double limit(const std::string& name) {
     return 0.85;
 }
 
-/// Random weights for a few expressions, nearly equal for left and right.
-VecX<double> random_expression(const std::vector<std::string>& names, const Random& r) {
-    std::vector<std::string> groups;
-    const auto group = [](const std::string& name) {
-        const bool sided = name.ends_with("_L") || name.ends_with("_R");
-        return sided ? name.substr(0, name.size() - 2) : name;
-    };
-    for (const std::string& name : names)
-        if (groups.empty() || std::find(groups.begin(), groups.end(), group(name)) == groups.end())
-            groups.push_back(group(name));
-    VecX<double> weights = VecX<double>::Zero(static_cast<Index>(names.size()));
-    const Index chosen = 2 + r.below(0, 4);
-    for (Index k = 0; k < chosen && !groups.empty(); ++k) {
-        const auto key = static_cast<std::uint64_t>(10 * (k + 1));
-        const auto pick = static_cast<std::size_t>(r.below(key, static_cast<Index>(groups.size())));
-        const double strength = 0.2 + 0.8 * r.uniform(key + 1);
-        for (std::size_t i = 0; i < names.size(); ++i) {
-            if (group(names[i]) != groups[pick]) continue;
-            const double apart = names[i].ends_with("_R") ? 0.3 * (r.uniform(key + 2) - 0.5) : 0.0;
-            weights[static_cast<Index>(i)] =
-                std::clamp(strength * (1 + apart), 0.0, 1.0) * limit(names[i]);
-        }
-    }
-    return weights;
-}
-
 void set_pose(SceneFrame& f, const Random& r) {
     constexpr std::array<double, 6> reach{0.17, 0.26, 0.11, 0.09, 0.08, 0.08};
     for (int i = 0; i < 6; ++i)
@@ -166,15 +140,10 @@ Vec3<double> centre_of(const SceneFrame& f, const HeadModel& model, std::size_t 
     return model.eyes[eye].centre + f.state.eye_offset[eye];
 }
 
-/// Rotates the eyes towards the frame's fixation.
-void fixate(SceneFrame& f, const HeadModel& model, const CaptureScene& scene) {
-    const Vec3<double> between = 0.5 * (model.eyes[0].centre + model.eyes[1].centre);
-    const Vec3<double> target = between + target_distance * direction(*f.fixation_deg);
-    f.target = f.state.world_from_head.apply(target);
-    for (std::size_t e = 0; e < 2; ++e) {
-        f.visual[e] = normalized(Vec3<double>(target - centre_of(f, model, e)));
-        f.optical_deg[e] = yaw_pitch_deg(f.visual[e]) + scene.kappa_deg[e];
-    }
+/// Turns the eyes to the angles of the frame, with the lids that follow them.
+void turn_eyes(SceneFrame& f) {
+    for (std::size_t e = 0; e < 2; ++e) f.state.optical[e] = direction(f.optical_deg[e]);
+    f.state.lids = lid_coefficients(f.optical_deg);
 }
 
 /// Independent random gazes of both eyes.
@@ -188,9 +157,46 @@ void look_apart(SceneFrame& f, int index, const CaptureScene& scene, const Rando
                       : Vec2<double>(40 * r.uniform(300 + e) - 20, 28 * r.uniform(310 + e) - 14);
         f.visual[e] = direction(f.optical_deg[e] - scene.kappa_deg[e]);
     }
+    turn_eyes(f);
 }
 
 } // namespace
+
+VecX<double> random_expression(const std::vector<std::string>& names, const Random& r) {
+    std::vector<std::string> groups;
+    const auto group = [](const std::string& name) {
+        const bool sided = name.ends_with("_L") || name.ends_with("_R");
+        return sided ? name.substr(0, name.size() - 2) : name;
+    };
+    for (const std::string& name : names)
+        if (groups.empty() || std::find(groups.begin(), groups.end(), group(name)) == groups.end())
+            groups.push_back(group(name));
+    VecX<double> weights = VecX<double>::Zero(static_cast<Index>(names.size()));
+    const Index chosen = 2 + r.below(0, 4);
+    for (Index k = 0; k < chosen && !groups.empty(); ++k) {
+        const auto key = static_cast<std::uint64_t>(10 * (k + 1));
+        const auto pick = static_cast<std::size_t>(r.below(key, static_cast<Index>(groups.size())));
+        const double strength = 0.2 + 0.8 * r.uniform(key + 1);
+        for (std::size_t i = 0; i < names.size(); ++i) {
+            if (group(names[i]) != groups[pick]) continue;
+            const double apart = names[i].ends_with("_R") ? 0.3 * (r.uniform(key + 2) - 0.5) : 0.0;
+            weights[static_cast<Index>(i)] =
+                std::clamp(strength * (1 + apart), 0.0, 1.0) * limit(names[i]);
+        }
+    }
+    return weights;
+}
+
+void place_eyes(SceneFrame& f, const HeadModel& model, const CaptureScene& scene) {
+    const Vec3<double> between = 0.5 * (model.eyes[0].centre + model.eyes[1].centre);
+    const Vec3<double> target = between + target_distance * direction(*f.fixation_deg);
+    f.target = f.state.world_from_head.apply(target);
+    for (std::size_t e = 0; e < 2; ++e) {
+        f.visual[e] = normalized(Vec3<double>(target - centre_of(f, model, e)));
+        f.optical_deg[e] = yaw_pitch_deg(f.visual[e]) + scene.kappa_deg[e];
+    }
+    turn_eyes(f);
+}
 
 CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {
     const auto check = [](const char* name, int value, int low, int high) {
@@ -248,11 +254,9 @@ CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {
                 std::lerp(c.pitch_deg[0], c.pitch_deg[1], 0.15 + 0.7 * r.uniform(321)));
         }
         if (f.fixation_deg)
-            fixate(f, model, scene);
+            place_eyes(f, model, scene);
         else
             look_apart(f, i - s.train_frames - s.novel_frames, scene, r);
-        for (std::size_t e = 0; e < 2; ++e) f.state.optical[e] = direction(f.optical_deg[e]);
-        f.state.lids = lid_coefficients(f.optical_deg);
         scene.frames.push_back(f);
     }
     return scene;

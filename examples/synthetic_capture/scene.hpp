@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include <rye/core/random.hpp>
 #include <rye/geometry/camera.hpp>
 
 #include "synthetic_capture/head_render.hpp"
@@ -75,6 +76,12 @@ inline constexpr double unit_per_mm = 0.01;
 inline const Vec3<double> head_centre(0, 0.32, 0.25);
 
 CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& settings);
+
+/// Returns random weights for a few expressions, nearly equal for left and right.
+VecX<double> random_expression(const std::vector<std::string>& names, const Random& r);
+
+/// Turns the eyes of a frame towards its fixation, with the lids that follow them.
+void place_eyes(SceneFrame& f, const HeadModel& model, const CaptureScene& scene);
 
 /// Renders every view and writes the capture to a new folder `out`, which appears when complete.
 /// Calls progress(done, of) after each frame.

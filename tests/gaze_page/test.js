@@ -8,7 +8,7 @@
 const fs = require("node:fs");
 const os = require("node:os");
 const path = require("node:path");
-const { Browser, serve } = require("./browser.js");
+const { Browser, serve } = require("../../examples/video_tracker/browser.js");
 
 const [chromium, page, reference, drivers, out] = process.argv.slice(2);
 if (!out) {

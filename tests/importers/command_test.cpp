@@ -131,10 +131,10 @@ TEST_CASE("import: wrong words on the command line") {
     const TemporaryFolder folder;
     const std::string out = (folder.path / "out").string();
     CHECK(run({"import"}).fault == "rye import: a kind of source is missing, expected vhap, gha, "
-                                   "xgaze, colmap or transforms");
+                                   "xgaze, colmap, transforms or video");
     // The kind is blamed, not the option after it.
-    const std::string kinds = "for the kind of source, expected vhap, gha, xgaze, colmap or "
-                              "transforms";
+    const std::string kinds = "for the kind of source, expected vhap, gha, xgaze, colmap, "
+                              "transforms or video";
     CHECK(run({"import", "flame", "x", "--out", out}).fault ==
           "rye import: got 'flame' " + kinds);
     CHECK(run({"import", "--out", out}).fault == "rye import: got '--out' " + kinds);

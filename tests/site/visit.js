@@ -7,7 +7,7 @@
 
 const fs = require("node:fs");
 const path = require("node:path");
-const { Browser, serve } = require("../gaze_page/browser.js");
+const { Browser, serve } = require("../../examples/video_tracker/browser.js");
 
 const [chromium, site, pictures, all] = process.argv.slice(2);
 if (!pictures) {

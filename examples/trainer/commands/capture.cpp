@@ -11,9 +11,10 @@
 #include <rye/core/error.hpp>
 
 #include "commands/commands.hpp"
+#include "commands/film.hpp"
 #include "commands/options.hpp"
 #include "data/threads.hpp"
-#include "synthetic_capture/scene.hpp"
+#include "synthetic_capture/video_scene.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -22,7 +23,8 @@ namespace fs = std::filesystem;
 
 struct Options {
     CaptureSettings settings;
-    fs::path out, model;
+    VideoSettings film;
+    fs::path out, model, video;
     int threads = 0;
     bool overwrite = false, quiet = false;
 };
@@ -55,6 +57,7 @@ void publish(const fs::path& finished, const fs::path& out) {
 
 void run(const Options& o) {
     check_out(o);
+    if (!o.video.empty()) check_film(o.video);
     set_threads(o.threads);
     const auto start = std::chrono::steady_clock::now();
     const auto seconds = [&] {
@@ -62,7 +65,10 @@ void run(const Options& o) {
     };
     const HeadModel model =
         o.model.empty() ? procedural_head(o.settings.seed) : ict_head(o.model, o.settings.seed);
-    const CaptureScene scene = capture_scene(model, o.settings);
+    VideoSettings film = o.film;
+    film.frames = o.settings.train_frames;
+    const CaptureScene scene = o.video.empty() ? capture_scene(model, o.settings)
+                                               : video_scene(model, o.settings, film);
     // Written under another name, so that an interrupted capture cannot pass for a complete one.
     const fs::path unfinished = beside(o.out, ".tmp");
     fs::remove_all(unfinished);
@@ -74,6 +80,7 @@ void run(const Options& o) {
                         terminal && done != of ? "" : "\n");
             std::fflush(stdout);
         });
+        if (!o.video.empty()) write_film(unfinished, scene, film.rate, o.video);
         publish(unfinished, o.out);
     } catch (...) {
         std::error_code ignored;
@@ -93,14 +100,17 @@ void add_capture(CLI::App& app) {
         "capture", "Render a calibrated multi-view capture of a made-up head, with gaze labels");
     CaptureSettings& s = o->settings;
     c->add_option("--out", o->out, "Folder to write; it must not be there")->required();
-    c->add_option("--frames", s.train_frames, "Training frames")->capture_default_str();
-    c->add_option("--test-frames", s.novel_frames, "Test frames with gazes kept out of training")
+    c->add_option("--frames", s.train_frames, "Training frames; with --video all of its pictures")
         ->capture_default_str();
-    c->add_option("--apart-frames", s.independent_frames,
-                  "Test frames whose eyes look in directions of their own")
-        ->capture_default_str();
+    CLI::Option* const tests =
+        c->add_option("--test-frames", s.novel_frames, "Test frames with gazes kept out of training")
+            ->capture_default_str();
+    CLI::Option* const apart = c->add_option("--apart-frames", s.independent_frames,
+                                             "Test frames whose eyes look in directions of their own")
+                                   ->capture_default_str();
     c->add_option("--size", s.size, "Edge of the images [px]")->capture_default_str();
-    c->add_option("--cameras", s.cameras, "Cameras, 1 to 18")->capture_default_str();
+    CLI::Option* const cameras =
+        c->add_option("--cameras", s.cameras, "Cameras, 1 to 18")->capture_default_str();
     c->add_option("--samples", s.samples, "Rays a pixel")->capture_default_str();
     c->add_option("--seed", s.seed, "Seed of the subject and of all frames")->capture_default_str();
     c->add_option("--eye-translation", s.eye_translation_mm,
@@ -110,6 +120,17 @@ void add_capture(CLI::App& app) {
     c->add_option("--model", o->model,
                   "A head model as an npz with names.json beside it, instead of rye's own head: the "
                   "ICT face model (light), or what `rye pack` writes");
+    CLI::Option* const video =
+        c->add_option("--video", o->video,
+                      "Video of the same pictures to write, before a wall (.y4m, else by ffmpeg): one "
+                      "camera films the head while it turns, speaks and looks around")
+            ->excludes(tests, apart, cameras);
+    c->add_option("--rate", o->film.rate, "Pictures a second of the video")
+        ->needs(video)
+        ->capture_default_str();
+    c->add_option("--turn", o->film.turn_deg, "Angle by which the head turns to both sides [deg]")
+        ->needs(video)
+        ->capture_default_str();
     add_threads(*c, o->threads, "Threads; the files do not depend on it (0: all)");
     c->add_flag("--overwrite", o->overwrite, "Replace a capture that is in --out");
     c->add_flag("--quiet", o->quiet, "No progress lines");

@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <iostream>
 #include <memory>
@@ -59,6 +60,22 @@ bool print_verdict(const std::filesystem::path& out, bool quiet) {
     return verdict.errors == 0;
 }
 
+/// Returns what prints the pictures that are tracked, and the time left, on one line of a terminal
+/// or now and then.
+std::function<void(int, int)> tracking_progress(bool quiet, bool terminal) {
+    using Clock = std::chrono::steady_clock;
+    const auto begin = std::make_shared<std::pair<int, Clock::time_point>>(-1, Clock::now());
+    return [=](int done, int of) {
+        if (begin->first < 0 || done <= begin->first) *begin = {done, Clock::now()};
+        if (quiet || (!terminal && done != of && done % 50 != 0)) return;
+        const double seconds = std::chrono::duration<double>(Clock::now() - begin->second).count();
+        const double left = seconds / std::max(1, done - begin->first) * (of - done);
+        std::printf("%spicture %d of %d tracked, %.0f s left   %s", terminal ? "\r" : "", done, of,
+                    left, terminal && done != of ? "" : "\n");
+        std::fflush(stdout);
+    };
+}
+
 void run(const Arguments& a, Importer import) {
     set_threads(a.threads);
     ImportOptions options = a.options;
@@ -69,6 +86,7 @@ void run(const Arguments& a, Importer import) {
                     terminal && done != of ? "" : "\n");
         std::fflush(stdout);
     };
+    options.video.progress = tracking_progress(a.quiet, terminal);
     const ImportSummary summary = import(options);
     if (!a.quiet) std::cout << summary.text();
     if (summary.has_head) {
@@ -84,7 +102,12 @@ void run(const Arguments& a, Importer import) {
 CLI::App* add_kind(CLI::App& command, const std::shared_ptr<Arguments>& a, const char* name,
                    const char* help, Importer import) {
     CLI::App* kind = command.add_subcommand(name, help);
-    kind->add_option("SOURCE", a->options.source, "Folder or file to read")->required();
+    if (import == import_video)
+        kind->add_option("FILE", a->options.video.files,
+                         "Videos of one head by one camera, or folders of their tracks")
+            ->required();
+    else
+        kind->add_option("SOURCE", a->options.source, "Folder or file to read")->required();
     kind->add_option("--out", a->options.out,
                      "Folder of the capture: a new one, or one that this command began")
         ->required();
@@ -98,6 +121,31 @@ CLI::App* add_kind(CLI::App& command, const std::shared_ptr<Arguments>& a, const
 void add_allow_outside(CLI::App* kind, const std::shared_ptr<Arguments>& a) {
     kind->add_flag("--allow-outside", a->options.allow_outside,
                    "Take also files that the source names outside its folder (../x.png, /x.png)");
+}
+
+void add_video(CLI::App& command, const std::shared_ptr<Arguments>& a) {
+    CLI::App* video = add_kind(command, a, "video",
+                               "Videos of a head, tracked by MediaPipe in a browser (docs/video.md)",
+                               import_video);
+    VideoImport& v = a->options.video;
+    video->add_option("--every", v.every, "Track every so many-th picture")
+        ->check(CLI::Range(1, 10000))
+        ->capture_default_str();
+    video->add_option("--frames", v.frames, "Most frames of the capture: the most different pictures")
+        ->check(CLI::Range(8, 2000))
+        ->capture_default_str();
+    video->add_option("--size", v.size, "Most pixels of a side of the capture's pictures")
+        ->check(CLI::Range(64, 4096))
+        ->capture_default_str();
+    video->add_option("--focal", v.focal,
+                      "Focal length [px] in pictures of at most 1920 pixels, where it is known")
+        ->check(CLI::Range(50.0, 50000.0));
+    video->add_option("--iris-mm", v.iris_mm, "Diameter of an iris, which gives the scale [mm]")
+        ->check(CLI::Range(9.0, 14.0))
+        ->capture_default_str();
+    video->add_option("--modules", v.modules, "node_modules with the tracker's packages");
+    video->add_option("--landmarker", v.landmarker, "face_landmarker.task of MediaPipe");
+    video->add_option("--tracker", v.tracker, "track.js of rye's sources");
 }
 
 } // namespace
@@ -139,6 +187,7 @@ void add_import(CLI::App& app) {
                                "layout (transforms_train.json)",
                                import_transforms),
                       a);
+    add_video(*command, a);
     // A word that is no kind is left over with all that follows, so that the error names it, not an
     // option after it. (Kinds added after this call would also leave over what they do not know.)
     command->allow_extras();

@@ -25,6 +25,19 @@
 
 namespace rye::trainer {
 
+/// Arguments of `rye import video`.
+struct VideoImport {
+    std::vector<std::filesystem::path> files; ///< videos, or folders of their tracks
+    std::filesystem::path modules, landmarker, tracker; ///< video_tools.hpp
+    int every = 3;       ///< which pictures of the video are tracked
+    int frames = 120;    ///< most frames of the capture
+    int size = 512;      ///< most pixels of a side of its pictures
+    double focal = 0;    ///< focal length in pixels of the tracked pictures; 0: found
+    double iris_mm = 11.7; ///< diameter of an iris
+    /// Called after each picture that is tracked: pictures done, pictures of this video.
+    std::function<void(int, int)> progress = [](int, int) {};
+};
+
 /// Arguments of `rye import`. The command rejects options of other kinds.
 struct ImportOptions {
     std::filesystem::path source;      ///< folder or file, by kind
@@ -35,6 +48,7 @@ struct ImportOptions {
     std::vector<int> eyeballs;         ///< vhap: first and last vertex, left, then right
     std::vector<double> normalization; ///< xgaze: focal length [px], distance [mm], side [px]
     bool allow_outside = false;        ///< true: named files may lie outside its folder
+    VideoImport video;
     /// Called after each frame: frames done, frames of the source.
     std::function<void(int, int)> progress = [](int, int) {};
 };
@@ -129,6 +143,7 @@ ImportSummary import_gha(const ImportOptions& options);
 ImportSummary import_xgaze(const ImportOptions& options);
 ImportSummary import_colmap(const ImportOptions& options);
 ImportSummary import_transforms(const ImportOptions& options);
+ImportSummary import_video(const ImportOptions& options);
 
 /// Returns the power of ten that brings a head whose landmarks span this length to about 2 units.
 double unit_factor(double landmark_span);

@@ -9,7 +9,7 @@ const http = require("node:http");
 const os = require("node:os");
 const path = require("node:path");
 
-const kinds = { ".html": "text/html", ".css": "text/css", ".js": "text/javascript",
+const kinds = { ".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".mjs": "text/javascript",
                 ".wasm": "application/wasm", ".png": "image/png", ".jpg": "image/jpeg",
                 ".svg": "image/svg+xml" };
 

@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "synthetic_capture/video_scene.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <rye/core/error.hpp>
+#include <rye/core/random.hpp>
+#include <rye/math/rotation.hpp>
+
+namespace rye::trainer {
+namespace {
+
+constexpr double degree = std::numbers::pi / 180;
+constexpr double seconds_of_expression = 1.2, seconds_of_fixation = 0.5;
+constexpr double reach_yaw_deg = 24, reach_pitch_deg = 16;
+
+/// Weights of the expression at a time [s]: from one of the drawn expressions to the next.
+VecX<double> expression_at(double seconds, const std::vector<std::string>& names,
+                           const Random& random) {
+    const auto drawn = [&](int i) {
+        return i == 0 ? VecX<double>(VecX<double>::Zero(static_cast<Index>(names.size())))
+                      : random_expression(names, random.fork(static_cast<std::uint64_t>(i)));
+    };
+    const double at = seconds / seconds_of_expression;
+    const int i = static_cast<int>(std::floor(at));
+    const double s = at - i, smooth = s * s * (3 - 2 * s);
+    return (1 - smooth) * drawn(i) + smooth * drawn(i + 1);
+}
+
+Vec<double, 6> pose_at(double seconds, const VideoSettings& v) {
+    const auto wave = [&](double period, double phase) {
+        return std::sin(2 * std::numbers::pi * (seconds / period + phase));
+    };
+    const double begin = std::min(1.0, seconds); // it begins at rest
+    Vec<double, 6> pose;
+    pose << v.nod_deg * degree * wave(5.2, 0.1), v.turn_deg * degree * wave(8, 0),
+        v.tilt_deg * degree * wave(3.7, 0.3), 0.12 * wave(6.1, 0), 0.08 * wave(4.3, 0.2),
+        0.25 * wave(7.3, 0.4);
+    return begin * pose;
+}
+
+} // namespace
+
+CaptureScene video_scene(const HeadModel& model, const CaptureSettings& settings,
+                         const VideoSettings& v) {
+    const auto check = [](const char* name, double value, double low, double high) {
+        require(
+            value >= low && value <= high, "capture --video", "got ",
+            [&] { return std::to_string(value); }, " for ", name, ", expected ",
+            [&] { return std::to_string(low); }, " to ", [&] { return std::to_string(high); });
+    };
+    check("the frames", v.frames, 2, 9000);
+    check("the rate", v.rate, 1, 240);
+    check("the camera's distance", v.distance, 3, 30);
+    check("the focal length over the picture's edge", v.focal, 0.3, 10);
+    check("the turn [deg]", v.turn_deg, 0, 80);
+    CaptureSettings one = settings;
+    one.cameras = 1;
+    one.train_frames = v.frames;
+    one.novel_frames = one.independent_frames = 0;
+    CaptureScene scene = capture_scene(model, one);
+    SceneCamera& c = scene.cameras.front();
+    c.yaw_deg = c.pitch_deg = 0;
+    c.distance = v.distance;
+    c.camera = look_at<double>(head_centre + v.distance * Vec3<double>(0, 0, 1), head_centre,
+                               {0, 1, 0}, 1.0, {one.size, one.size});
+    c.camera.fx = c.camera.fy = v.focal * one.size;
+    const Random random{one.seed, 109};
+    for (int i = 0; i < v.frames; ++i) {
+        SceneFrame& f = scene.frames[static_cast<std::size_t>(i)];
+        const double seconds = static_cast<double>(i) / v.rate;
+        f.kind = i % 5 == 4 ? FrameKind::novel : FrameKind::train;
+        f.pose = pose_at(seconds, v);
+        f.state.expression = expression_at(seconds, model.expression_names, random.fork(1));
+        f.state.world_from_head = {so3_exp(Vec3<double>(f.pose.head<3>())), f.pose.tail<3>()};
+        const int look = static_cast<int>(seconds / seconds_of_fixation);
+        const Random of_look = random.fork(2).fork(static_cast<std::uint64_t>(look));
+        f.fixation_deg =
+            look == 0 ? Vec2<double>(0, 0)
+                      : Vec2<double>(reach_yaw_deg * (2 * of_look.uniform(0) - 1),
+                                     reach_pitch_deg * (2 * of_look.uniform(1) - 1));
+        place_eyes(f, model, scene);
+    }
+    return scene;
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "importers/video_head.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <rye/core/error.hpp>
+
+#include "data/median.hpp"
+#include "importers/face_mesh.hpp"
+
+namespace rye::trainer {
+namespace {
+
+constexpr double degree = 0.017453292519943295;
+/// Field of view by which the tracker's matrices place a head, from above to below [deg].
+constexpr double tracker_view_deg = 63;
+/// Likely focal length over the longer side: cameras of phones and webcams, as they film.
+constexpr double likely_focal = 1.0;
+/// Middle of the eyeballs in the head frame; the origin is then near the middle of the head.
+const Vec3<double> eyes_in_head(0, 0.35, 0.8);
+/// Centre of an eyeball from the middle of its lids, in radii: the upper lid covers more of an eye
+/// than the lower one.
+const Vec3<double> behind_lids(0, 0.13, -0.88);
+
+/// Axes of a camera (x right, y down, z forward) by those of the world.
+Mat3<double> camera_axes() { return Vec3<double>(1, -1, -1).asDiagonal(); }
+
+Vec3<double> median_of(const std::vector<Vec3<double>>& all) {
+    Vec3<double> middle;
+    for (Index d = 0; d < 3; ++d) {
+        std::vector<double> list;
+        for (const Vec3<double>& x : all) list.push_back(x[d]);
+        middle[d] = median(list);
+    }
+    return middle;
+}
+
+/// Says in which direction the tracker's coefficients look, (yaw, pitch), and that of an expression.
+class Drivers {
+  public:
+    explicit Drivers(const std::vector<std::string>& names) : names_(names) {
+        for (std::size_t i = 0; i < names.size(); ++i)
+            if (!is_no_expression(names[i])) expressions_.push_back(static_cast<int>(i));
+    }
+    const std::vector<int>& expressions() const { return expressions_; }
+    VecX<double> of(const TrackedPicture& p) const {
+        const Index n = static_cast<Index>(expressions_.size());
+        VecX<double> all(n + 2); // lids follow the gaze
+        for (Index i = 0; i < n; ++i)
+            all[i] = p.coefficients[expressions_[static_cast<std::size_t>(i)]];
+        all.tail<2>() = 0.5 * (look(p, "Left", 1) + look(p, "Right", -1));
+        return all;
+    }
+
+  private:
+    double value(const TrackedPicture& p, const std::string& name) const {
+        const auto at = std::find(names_.begin(), names_.end(), name);
+        return at == names_.end() ? 0 : p.coefficients[at - names_.begin()];
+    }
+    Vec2<double> look(const TrackedPicture& p, const std::string& side, double out) const {
+        return {out * (value(p, "eyeLookOut" + side) - value(p, "eyeLookIn" + side)),
+                value(p, "eyeLookUp" + side) - value(p, "eyeLookDown" + side)};
+    }
+    const std::vector<std::string>& names_;
+    std::vector<int> expressions_;
+};
+
+/// The tracker's guess of a head before a camera of this focal length.
+Rigid<double> guessed_head(const TrackedPicture& p, double focal, int height) {
+    const double own_focal = 0.5 * height / std::tan(0.5 * tracker_view_deg * degree);
+    Rigid<double> head{camera_axes() * p.head.rotation, camera_axes() * p.head.translation};
+    head.translation.z() *= focal / own_focal;
+    return head;
+}
+
+/// Returns the landmarks of a head at rest that the tracker's depths say: the median of the pictures
+/// that show the face from the front, or of all if few do.
+Columns<double> guessed_rest(const std::vector<const TrackedPicture*>& pictures,
+                             const std::vector<FaceView>& views, const BundleSettings& s) {
+    constexpr double frontal = 0.9; // cosine
+    const auto faces_camera = [&](const FaceView& v) { return -v.head.rotation(2, 2) > frontal; };
+    const bool enough = std::count_if(views.begin(), views.end(), faces_camera) >= 3;
+    Columns<double> rest(3, skin_landmarks);
+    for (Index i = 0; i < skin_landmarks; ++i) {
+        std::vector<Vec3<double>> all;
+        for (std::size_t f = 0; f < views.size(); ++f) {
+            if (enough && !faces_camera(views[f])) continue;
+            const Rigid<double>& head = views[f].head;
+            const Vec3<double> seen = pictures[f]->landmarks.col(i);
+            const double depth = head.translation.z() * (1 + seen.z() / s.focal);
+            const Vec3<double> at((seen.x() - s.cx) / s.focal * depth,
+                                  (seen.y() - s.cy) / s.focal * depth, depth);
+            all.push_back(head.turn_back(Vec3<double>(at - head.translation)));
+        }
+        rest.col(i) = median_of(all);
+    }
+    return rest;
+}
+
+Vec3<double> middle_of_lids(const Columns<double>& landmarks, std::size_t eye) {
+    Vec3<double> sum = Vec3<double>::Zero();
+    for (const int i : face_lids[eye]) sum += landmarks.col(i) / 16;
+    return sum;
+}
+
+/// Diameter of an iris in the picture [px]: the longer axis of the ellipse through its rim, of which
+/// two diameters that were at right angles are seen.
+double iris_pixels(const TrackedPicture& p, std::size_t eye) {
+    const Index rim = face_iris[eye] + 1;
+    const Vec2<double> a = (p.landmarks.col(rim) - p.landmarks.col(rim + 2)).head<2>(),
+                       b = (p.landmarks.col(rim + 1) - p.landmarks.col(rim + 3)).head<2>();
+    const double sum = a.squaredNorm() + b.squaredNorm(), area = a.x() * b.y() - a.y() * b.x();
+    return std::sqrt(0.5 * (sum + std::sqrt(std::max(0.0, sum * sum - 4 * area * area))));
+}
+
+/// Returns the direction from an eyeball's centre, in the camera, to where the ray of a pixel meets
+/// the sphere of the iris' middle, or passes it.
+Vec3<double> towards(const Vec3<double>& centre, double radius, const Vec3<double>& ray) {
+    const double along = centre.dot(ray);
+    const double inside = radius * radius - (centre.squaredNorm() - along * along);
+    return normalized(Vec3<double>((along - std::sqrt(std::max(0.0, inside))) * ray - centre));
+}
+
+} // namespace
+
+VideoHead video_head(const Tracks& tracks, const std::vector<int>& pictures,
+                     const HeadOptions& options) {
+    const Drivers drivers(tracks.names);
+    BundleSettings s;
+    s.cx = 0.5 * tracks.width;
+    s.cy = 0.5 * tracks.height;
+    s.focal = options.focal > 0 ? options.focal
+                                : likely_focal * std::max(tracks.width, tracks.height);
+    if (options.focal > 0) s.focal_sigma = 1e-3;
+    std::vector<const TrackedPicture*> shown;
+    std::vector<FaceView> views;
+    std::vector<double> apart;
+    for (const int i : pictures) {
+        const TrackedPicture& p = tracks.pictures[static_cast<std::size_t>(i)];
+        shown.push_back(&p);
+        views.push_back({p.landmarks.leftCols<skin_landmarks>(),
+                         guessed_head(p, s.focal, tracks.height), drivers.of(p)});
+        apart.push_back((p.landmarks.col(face_iris[0]) - p.landmarks.col(face_iris[1])).norm());
+    }
+    s.first_sigma = 0.01 * median(apart);
+    const FaceBundle b = bundle_face(views, guessed_rest(shown, views, s), s);
+
+    VideoHead head;
+    head.focal_deviation = b.focal_deviation;
+    head.drivers = drivers.expressions();
+    std::vector<double> errors;
+    for (Index i = 0; i < skin_landmarks; ++i) errors.push_back(b.sigma(0, i));
+    head.landmark_error = median(errors);
+    // The iris gives the scale; the eyes give the origin.
+    std::array<Vec3<double>, 2> lids{middle_of_lids(b.rest, 0), middle_of_lids(b.rest, 1)};
+    std::vector<double> irises;
+    for (std::size_t f = 0; f < views.size(); ++f)
+        for (std::size_t e = 0; e < 2; ++e)
+            irises.push_back(iris_pixels(*shown[f], e) * b.heads[f].apply(lids[e]).z() / b.focal);
+    constexpr double dm_per_mm = 0.01;
+    const double scale = options.iris_mm * dm_per_mm / median(irises);
+    for (std::size_t e = 0; e < 2; ++e) {
+        VideoEye& eye = head.eyes[e];
+        eye.centre = scale * lids[e] + eye.radius * behind_lids;
+    }
+    const Vec3<double> shift = eyes_in_head - 0.5 * (head.eyes[0].centre + head.eyes[1].centre);
+    for (VideoEye& eye : head.eyes) eye.centre += shift;
+    head.shapes = scale * b.shapes.leftCols(static_cast<Index>(head.drivers.size()));
+
+    std::vector<Rigid<double>> to_camera;
+    std::vector<Vec3<double>> places;
+    for (const Rigid<double>& h : b.heads) {
+        to_camera.push_back({h.rotation, scale * h.translation - h.rotation * shift});
+        places.push_back(to_camera.back().translation);
+    }
+    Pinhole<double>& camera = head.camera;
+    camera.width = tracks.width;
+    camera.height = tracks.height;
+    camera.fx = camera.fy = b.focal;
+    camera.cx = s.cx;
+    camera.cy = s.cy;
+    camera.camera_from_world = {camera_axes(), median_of(places)};
+    const Rigid<double> world_from_camera = camera.camera_from_world.inverse();
+    for (std::size_t f = 0; f < views.size(); ++f) {
+        VideoPose pose;
+        pose.picture = pictures[f];
+        pose.residual = b.residual[f];
+        pose.world_from_head = {world_from_camera.rotation * to_camera[f].rotation,
+                                world_from_camera.apply(to_camera[f].translation)};
+        const Columns<double> in_head = scale * b.landmarks(views[f].drivers);
+        pose.landmarks.resize(3, skin_landmarks);
+        for (Index i = 0; i < skin_landmarks; ++i)
+            pose.landmarks.col(i) =
+                pose.world_from_head.apply(Vec3<double>(in_head.col(i) + shift));
+        for (std::size_t e = 0; e < 2; ++e) {
+            const VideoEye& eye = head.eyes[e];
+            const Vec3<double> seen = shown[f]->landmarks.col(face_iris[e]);
+            const Vec3<double> ray = normalized(Vec3<double>(
+                (seen.x() - camera.cx) / camera.fx, (seen.y() - camera.cy) / camera.fy, 1));
+            pose.gaze[e] = to_camera[f].turn_back(
+                towards(to_camera[f].apply(eye.centre), eye.iris_plane, ray));
+        }
+        head.poses.push_back(std::move(pose));
+    }
+    return head;
+}
+
+} // namespace rye::trainer

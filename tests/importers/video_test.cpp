@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: Apache-2.0
+// `rye import video` of tracks whose head, camera and gazes are known, and of tracks that are wrong.
+#include <cstdlib>
+#include <fstream>
+#include <string>
+
+#include <doctest/doctest.h>
+
+#include <rye/math/rotation.hpp>
+#include <rye/rig/gaze.hpp>
+
+#include "../support/hostile.hpp"
+#include "data/capture.hpp"
+#include "data/validate.hpp"
+#include "importers/import_folder.hpp"
+#include "importers/video_choice.hpp"
+#include "importers/video_head.hpp"
+#include "importers/video_tools.hpp"
+#include "video_tracks_source.hpp"
+
+using namespace rye;
+using namespace rye::trainer;
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr double degrees = 57.29577951308232;
+
+Tracks parsed(const std::vector<std::string>& lines) {
+    std::string text;
+    for (const std::string& line : lines) text += line + "\n";
+    Tracks tracks;
+    add_tracks(tracks, text, "t");
+    return tracks;
+}
+
+std::vector<int> all_of(const Tracks& tracks) {
+    std::vector<int> all;
+    for (std::size_t i = 0; i < tracks.pictures.size(); ++i) all.push_back(static_cast<int>(i));
+    return all;
+}
+
+/// Largest errors of a head that was found [deg, share].
+struct Errors {
+    double turn = 0, gaze = 0, distance = 0;
+};
+Errors errors_of(const VideoHead& head, const KnownVideo& video) {
+    const std::vector<KnownPicture> known = known_pictures(video);
+    Errors e;
+    for (std::size_t i = 0; i < known.size(); ++i) {
+        const VideoPose& pose = head.poses[i];
+        const Rigid<double>& camera = head.camera.camera_from_world;
+        const Mat3<double> turned = camera.rotation * pose.world_from_head.rotation;
+        e.turn = std::max(e.turn, degrees * so3_log(Mat3<double>(turned.transpose() *
+                                                                 known[i].head.rotation)).norm());
+        for (std::size_t k = 0; k < 2; ++k) {
+            const Vec3<double> a = turned * pose.gaze[k], b = known[i].head.rotation * known[i].gaze[k];
+            e.gaze = std::max(e.gaze, degrees * angular_error(a, b));
+            const Vec3<double> eye(k == 0 ? 0.31 : -0.31, 0.3, 0.5);
+            const double far = camera.apply(pose.world_from_head.apply(head.eyes[k].centre)).z();
+            e.distance = std::max(e.distance, std::abs(far / known[i].head.apply(eye).z() - 1));
+        }
+    }
+    return e;
+}
+
+} // namespace
+
+TEST_CASE("video: a tracked head is found where it is, by a camera that is known") {
+    const KnownVideo video;
+    const Tracks tracks = parsed(known_tracks(video));
+    HeadOptions options;
+    options.focal = video.focal;
+    const VideoHead head = video_head(tracks, all_of(tracks), options);
+    const Errors e = errors_of(head, video);
+    INFO("turn ", e.turn, " deg, gaze ", e.gaze, " deg, distance ", e.distance);
+    CHECK(head.camera.fx == doctest::Approx(video.focal).epsilon(0.01));
+    CHECK(e.turn < 1);
+    CHECK(e.gaze < 3);
+    CHECK(e.distance < 0.03);
+    CHECK(head.drivers.size() == 2); // neither eyeLook* nor _neutral
+}
+
+TEST_CASE("video: a focal length that is not known is found between what is likely and what is true") {
+    KnownVideo video;
+    video.focal = 800; // a likely one is 640
+    const Tracks tracks = parsed(known_tracks(video));
+    const VideoHead head = video_head(tracks, all_of(tracks), {});
+    INFO("focal ", head.camera.fx, ", deviation ", head.focal_deviation);
+    CHECK(head.camera.fx > 640);
+    CHECK(head.camera.fx < 840);
+    CHECK(head.focal_deviation > 0);
+    CHECK(head.focal_deviation < 0.15);
+}
+
+TEST_CASE("video: the same tracks give the same bits") {
+    const KnownVideo video;
+    const Tracks tracks = parsed(known_tracks(video));
+    const VideoHead a = video_head(tracks, all_of(tracks), {}), b = video_head(tracks, all_of(tracks), {});
+    CHECK(a.camera.fx == b.camera.fx);
+    for (std::size_t i = 0; i < a.poses.size(); ++i) {
+        CHECK(a.poses[i].landmarks == b.poses[i].landmarks);
+        CHECK(a.poses[i].gaze[0] == b.poses[i].gaze[0]);
+    }
+}
+
+TEST_CASE("video: an import makes a capture without faults, and repeats no frame") {
+    const TemporaryFolder folder;
+    const KnownVideo video;
+    write_known_video(video, folder.path / "tracks");
+    ImportOptions options;
+    options.out = folder.path / "out";
+    options.video.files = {folder.path / "tracks"};
+    options.video.size = 160;
+    const ImportSummary summary = import_video(options);
+    CHECK(summary.frames >= 20);
+    CHECK(summary.written == summary.frames);
+    std::vector<Problem> problems;
+    const Capture capture = read_capture(options.out, {}, &problems);
+    for (const Problem& p : validate(capture)) problems.push_back(p);
+    for (const Problem& p : problems) {
+        INFO(p.message);
+        CHECK(p.severity != Problem::Severity::error);
+    }
+    CHECK(capture.frame_count() == summary.frames);
+    CHECK(capture.width == 160);
+    CHECK(capture.has_gaze());
+    CHECK(import_video(options).written == 0);
+}
+
+TEST_CASE("video: pictures without one whole, sharp face are left out, and counted") {
+    Tracks tracks = parsed(known_tracks({}));
+    tracks.pictures[0].faces = 0;
+    tracks.pictures[1].faces = 2;
+    tracks.pictures[2].sharpness = 2;
+    tracks.pictures[3].landmarks.row(0).array() += 500;
+    VideoChoice c = choose_pictures(tracks, 100);
+    CHECK(c.without_face == 1);
+    CHECK(c.with_several == 1);
+    CHECK(c.blurred == 1);
+    CHECK(c.at_border == 1);
+    CHECK(c.pictures.size() == 20);
+    c = choose_pictures(tracks, 12);
+    CHECK(c.pictures.size() == 12);
+    CHECK(c.spare == 8);
+    for (TrackedPicture& p : tracks.pictures) p.faces = 0;
+    CHECK_FAULT(choose_pictures(tracks, 100),
+                "got 0 pictures with one whole, sharp face of 24 (24 without a face");
+    tracks.pictures.resize(2);
+    CHECK_FAULT(choose_pictures(tracks, 100), "expected 8 or more");
+}
+
+TEST_CASE("video: wrong tracks are refused by line and field") {
+    KnownVideo video;
+    video.pictures = 1;
+    const std::string line = known_tracks(video)[0];
+    const auto with = [&](const std::string& from, const std::string& to) {
+        std::string text = line;
+        const std::size_t at = text.find(from);
+        REQUIRE(at != std::string::npos);
+        return parsed({line, text.replace(at, from.size(), to)});
+    };
+    CHECK_FAULT(parsed({line, line.substr(0, line.size() / 2)}), "t: line 2: not JSON");
+    CHECK_FAULT(parsed({"[]"}), "t: line 1: is no object");
+    CHECK_FAULT(parsed({"{}"}), "t: line 1: picture: got '', expected a file in this folder");
+    CHECK_FAULT(with("frames/0.png", "../0.png"), "picture: got '../0.png'");
+    CHECK_FAULT(with("\"faces\":1", "\"faces\":-1"), "faces: got -1, expected a whole number from 0");
+    CHECK_FAULT(with("\"jawOpen\":", "\"jawOpen\":1e9,\"x\":"), "coefficients");
+    CHECK_FAULT(with("\"jawOpen\":", "\"jawShut\":"), "coefficients: has no jawOpen");
+    CHECK_FAULT(with("\"size\":[640,640]", "\"size\":[640,480]"), "expected 640 x 640 as in the");
+    CHECK_FAULT(with("\"size\":[640,640]", "\"size\":[640,4]"), "size: got 4, expected 16 to 16384");
+    CHECK_FAULT(with("\"landmarks\":[[", "\"landmarks\":[[null,"), "landmarks: 0: got [null");
+    CHECK_FAULT(with("\"landmarks\":[[", "\"landmarks\":[[1e300,2,3],["), "got 479 values, expected 478");
+    CHECK_FAULT(with("\"matrix\":[", "\"matrix\":[0,"), "matrix: got 17 values, expected 16");
+    CHECK_FAULT(with("\"sharpness\":10", "\"sharpness\":NaN"), "t: line 2: not JSON");
+}
+
+TEST_CASE("video: what is not installed is named with the command that installs it") {
+    const TemporaryFolder folder;
+    const std::string path = std::getenv("PATH") != nullptr ? std::getenv("PATH") : "";
+    ::setenv("PATH", folder.path.c_str(), 1);
+    ::unsetenv("CHROMIUM");
+    VideoToolOptions none;
+    none.modules = none.landmarker = none.tracker = folder.path / "none";
+    for (const char* words :
+         {"ffmpeg: `apt-get install ffmpeg`", "node: `apt-get install nodejs`",
+          "chromium: `apt-get install chromium`", "npm install --ignore-scripts @mediapipe",
+          "none: `curl -LO ", "rye's own"})
+        CHECK_FAULT(find_video_tools(none), words);
+    ::setenv("PATH", path.c_str(), 1);
+    ImportOptions options;
+    options.out = folder.path / "out";
+    options.video.files = {folder.path};
+    CHECK_FAULT(import_video(options), "is a folder without tracks.jsonl");
+    CHECK(!fs::exists(options.out));
+}
