@@ -9,12 +9,14 @@
 
 #include <doctest/doctest.h>
 
+#include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
 #include "../support/hostile.hpp"
 #include "comparison.hpp"
 #include "data/json.hpp"
 #include "data/validate.hpp"
+#include "importers/face_geometry.hpp"
 #include "importers/hdf5_file.hpp"
 #include "importers/import_folder.hpp"
 #include "sources.hpp"
