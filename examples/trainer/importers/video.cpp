@@ -123,7 +123,8 @@ void summarize(const Tracks& tracks, const VideoChoice& choice, const VideoHead&
             " landmarks by bundle adjustment, whose errors are " + factor_text(head.landmark_error) +
             " px in the middle",
         "scale by an iris of " + factor_text(o.video.iris_mm) + " mm (--iris-mm)",
-        "gaze from the tracked irises, on average eyes behind the lids, fixed in the head",
+        "gaze from the tracker's coefficients (eyeLook*); eyeballs of average eyes behind the lids, fixed "
+        "in the head",
         "eye masks from the tracked lids; masks from the tracker's segmentation, without the neck"};
     s.missing = {"what one camera did not see", "angle kappa between optical and visual axis"};
     const auto add = [&](int count, const char* what) {
