@@ -193,7 +193,7 @@ ImportSummary import_video(const ImportOptions& o) {
                    {"conventions",
                     {{"image", "photographs; multiplied by the mask when read"},
                      {"world", "x the subject's left, y up, z towards the camera; 1 dm"},
-                     {"gaze", "optical axes from tracked irises, head frame"}}}},
+                     {"gaze", "optical axes from the tracker's coefficients, head frame"}}}},
                   summary);
     return summary;
 }
