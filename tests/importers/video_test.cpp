@@ -76,8 +76,8 @@ TEST_CASE("video: a tracked head is found where it is, by a camera that is known
     INFO("turn ", e.turn, " deg, gaze ", e.gaze, " deg, distance ", e.distance);
     CHECK(head.camera.fx == doctest::Approx(video.focal).epsilon(0.01));
     CHECK(e.turn < 1);
-    CHECK(e.gaze < 3);
-    CHECK(e.distance < 0.03);
+    CHECK(e.gaze < 2);
+    CHECK(e.distance < 0.04);
     CHECK(head.drivers.size() == 2); // neither eyeLook* nor _neutral
 }
 

@@ -90,7 +90,9 @@ std::vector<KnownPicture> known_pictures(const KnownVideo& video) {
         const auto key = static_cast<std::uint64_t>(2 * i);
         const double pitch = 15 * degree * (2 * r.uniform(key) - 1),
                      yaw = 22 * degree * (2 * r.uniform(key + 1) - 1);
-        p.gaze = {gaze_vector(pitch, yaw), gaze_vector(pitch, yaw)};
+        p.look = {pitch, yaw};
+        for (std::size_t e = 0; e < 2; ++e)
+            p.gaze[e] = gaze_vector(pitch - 1.5 * degree, yaw + (e == 0 ? 5 : -5) * degree);
         all.push_back(p);
     }
     return all;
@@ -125,7 +127,7 @@ std::vector<std::string> known_tracks(const KnownVideo& video) {
         for (Index c = 0; c < 3; ++c)
             for (Index row = 0; row < 4; ++row) matrix.push_back(row < 3 ? rotation(row, c) : 0.0);
         for (Index row = 0; row < 4; ++row) matrix.push_back(row < 3 ? shift[row] : 1.0);
-        const Vec2<double> look = pitch_yaw(k.gaze[0]) / (30 * degree), moved = expression_of(i);
+        const Vec2<double> look = k.look / (30 * degree), moved = expression_of(i);
         const auto part = [](double value) { return std::min(1.0, std::max(0.0, value)); };
         const Json line = {
             {"picture", "frames/" + std::to_string(i) + ".png"},

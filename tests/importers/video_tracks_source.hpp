@@ -23,7 +23,8 @@ struct KnownVideo {
 /// What is true in one picture.
 struct KnownPicture {
     Rigid<double> head;               ///< head to camera (x right, y down, z forward), dm
-    std::array<Vec3<double>, 2> gaze; ///< unit, head frame
+    Vec2<double> look = Vec2<double>::Zero(); ///< pitch and yaw that the coefficients say [rad]
+    std::array<Vec3<double>, 2> gaze;         ///< unit optical axes, those of average eyes, head frame
 };
 
 /// Returns what the pictures of this video show.

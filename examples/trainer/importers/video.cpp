@@ -123,7 +123,8 @@ void summarize(const Tracks& tracks, const VideoChoice& choice, const VideoHead&
             " landmarks by bundle adjustment, whose errors are " + factor_text(head.landmark_error) +
             " px in the middle",
         "scale by an iris of " + factor_text(o.video.iris_mm) + " mm (--iris-mm)",
-        "gaze from the tracked irises, on average eyes behind the lids, fixed in the head",
+        "gaze from the tracker's coefficients (eyeLook*); eyeballs of average eyes behind the lids, fixed "
+        "in the head",
         "eye masks from the tracked lids; masks from the tracker's segmentation, without the neck"};
     s.missing = {"what one camera did not see", "angle kappa between optical and visual axis"};
     const auto add = [&](int count, const char* what) {
@@ -192,7 +193,7 @@ ImportSummary import_video(const ImportOptions& o) {
                    {"conventions",
                     {{"image", "photographs; multiplied by the mask when read"},
                      {"world", "x the subject's left, y up, z towards the camera; 1 dm"},
-                     {"gaze", "optical axes from tracked irises, head frame"}}}},
+                     {"gaze", "optical axes from the tracker's coefficients, head frame"}}}},
                   summary);
     return summary;
 }

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include <rye/core/error.hpp>
+#include <rye/rig/gaze.hpp>
 
 #include "data/median.hpp"
 #include "importers/face_mesh.hpp"
@@ -17,6 +18,10 @@ constexpr double degree = 0.017453292519943295;
 constexpr double tracker_view_deg = 63;
 /// Likely focal length over the longer side: cameras of phones and webcams, as they film.
 constexpr double likely_focal = 1.0;
+/// Turn of an eye by a coefficient of 1 (eyeLookInLeft), and typical angles between optical and visual
+/// axis of a left eye, (yaw, pitch) [deg].
+constexpr double look_deg = 30;
+const Vec2<double> usual_kappa_deg(5, -1.5);
 /// Middle of the eyeballs in the head frame; the origin is then near the middle of the head.
 const Vec3<double> eyes_in_head(0, 0.35, 0.8);
 /// Centre of an eyeball from the middle of its lids, in radii: the upper lid covers more of an eye
@@ -74,26 +79,54 @@ Rigid<double> guessed_head(const TrackedPicture& p, double focal, int height) {
     return head;
 }
 
+/// Places a landmark in the head by the tracker's depth of it, which is that behind a plane of its own:
+/// at + offset * by.
+struct Lifted {
+    Vec3<double> at, by;
+};
+Lifted lifted(const Vec3<double>& seen, const Rigid<double>& head, const BundleSettings& s) {
+    const Vec3<double> ray((seen.x() - s.cx) / s.focal, (seen.y() - s.cy) / s.focal, 1);
+    const double depth = head.translation.z() * (1 + seen.z() / s.focal);
+    return {head.turn_back(Vec3<double>(depth * ray - head.translation)),
+            head.turn_back(Vec3<double>(head.rotation(2, 2) * ray))};
+}
+
 /// Returns the landmarks of a head at rest that the tracker's depths say: the median of the pictures
-/// that show the face from the front, or of all if few do.
+/// that show the face from the front, or of all if few do. The plane of the depths is the one, across
+/// the head's z axis, by which landmarks stay where they are in the head when it turns.
 Columns<double> guessed_rest(const std::vector<const TrackedPicture*>& pictures,
                              const std::vector<FaceView>& views, const BundleSettings& s) {
+    const auto count = static_cast<double>(views.size());
+    const auto each = [&](Index i) {
+        std::vector<Lifted> all;
+        for (std::size_t f = 0; f < views.size(); ++f)
+            all.push_back(lifted(pictures[f]->landmarks.col(i), views[f].head, s));
+        return all;
+    };
+    double along = 0, square = 1e-9;
+    for (Index i = 0; i < skin_landmarks; ++i) {
+        const std::vector<Lifted> all = each(i);
+        Vec3<double> at = Vec3<double>::Zero(), by = at;
+        for (const Lifted& l : all) {
+            at += l.at / count;
+            by += l.by / count;
+        }
+        for (const Lifted& l : all) {
+            along += (l.at - at).dot(l.by - by);
+            square += (l.by - by).squaredNorm();
+        }
+    }
+    const double offset = -along / square;
     constexpr double frontal = 0.9; // cosine
     const auto faces_camera = [&](const FaceView& v) { return -v.head.rotation(2, 2) > frontal; };
     const bool enough = std::count_if(views.begin(), views.end(), faces_camera) >= 3;
     Columns<double> rest(3, skin_landmarks);
     for (Index i = 0; i < skin_landmarks; ++i) {
-        std::vector<Vec3<double>> all;
-        for (std::size_t f = 0; f < views.size(); ++f) {
-            if (enough && !faces_camera(views[f])) continue;
-            const Rigid<double>& head = views[f].head;
-            const Vec3<double> seen = pictures[f]->landmarks.col(i);
-            const double depth = head.translation.z() * (1 + seen.z() / s.focal);
-            const Vec3<double> at((seen.x() - s.cx) / s.focal * depth,
-                                  (seen.y() - s.cy) / s.focal * depth, depth);
-            all.push_back(head.turn_back(Vec3<double>(at - head.translation)));
-        }
-        rest.col(i) = median_of(all);
+        const std::vector<Lifted> all = each(i);
+        std::vector<Vec3<double>> chosen;
+        for (std::size_t f = 0; f < views.size(); ++f)
+            if (!enough || faces_camera(views[f])) chosen.push_back(all[f].at + offset * all[f].by);
+        rest.col(i) = median_of(chosen);
     }
     return rest;
 }
@@ -114,12 +147,12 @@ double iris_pixels(const TrackedPicture& p, std::size_t eye) {
     return std::sqrt(0.5 * (sum + std::sqrt(std::max(0.0, sum * sum - 4 * area * area))));
 }
 
-/// Returns the direction from an eyeball's centre, in the camera, to where the ray of a pixel meets
-/// the sphere of the iris' middle, or passes it.
-Vec3<double> towards(const Vec3<double>& centre, double radius, const Vec3<double>& ray) {
-    const double along = centre.dot(ray);
-    const double inside = radius * radius - (centre.squaredNorm() - along * along);
-    return normalized(Vec3<double>((along - std::sqrt(std::max(0.0, inside))) * ray - centre));
+/// Returns the optical axis of an eye for the direction (yaw, pitch) of both that the tracker's
+/// coefficients say. Its irises are a worse measure: they follow the lids more than the eye.
+Vec3<double> gaze_of(const Vec2<double>& look, std::size_t eye) {
+    const double kappa = eye == 0 ? usual_kappa_deg.x() : -usual_kappa_deg.x();
+    return gaze_vector(degree * (look_deg * look.y() + usual_kappa_deg.y()),
+                       degree * (look_deg * look.x() + kappa));
 }
 
 } // namespace
@@ -193,14 +226,8 @@ VideoHead video_head(const Tracks& tracks, const std::vector<int>& pictures,
         for (Index i = 0; i < skin_landmarks; ++i)
             pose.landmarks.col(i) =
                 pose.world_from_head.apply(Vec3<double>(in_head.col(i) + shift));
-        for (std::size_t e = 0; e < 2; ++e) {
-            const VideoEye& eye = head.eyes[e];
-            const Vec3<double> seen = shown[f]->landmarks.col(face_iris[e]);
-            const Vec3<double> ray = normalized(Vec3<double>(
-                (seen.x() - camera.cx) / camera.fx, (seen.y() - camera.cy) / camera.fy, 1));
-            pose.gaze[e] = to_camera[f].turn_back(
-                towards(to_camera[f].apply(eye.centre), eye.iris_plane, ray));
-        }
+        for (std::size_t e = 0; e < 2; ++e)
+            pose.gaze[e] = gaze_of(views[f].drivers.tail<2>(), e);
         head.poses.push_back(std::move(pose));
     }
     return head;
