@@ -13,6 +13,9 @@
 
 #include <doctest/doctest.h>
 
+#include <rye/math/rotation.hpp>
+#include <rye/rig/gaze.hpp>
+
 #include "../support/hostile.hpp"
 #include "command_line.hpp"
 #include "data/capture.hpp"
