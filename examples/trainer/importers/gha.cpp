@@ -24,7 +24,6 @@
 #include "importers/face_geometry.hpp"
 #include "importers/gaze_file.hpp"
 #include "importers/import_folder.hpp"
-#include "importers/subject_eyes.hpp"
 #include "training/gaze_estimator.hpp"
 
 namespace rye::trainer {
@@ -62,10 +61,6 @@ struct EyeGuess {
     Vec3<double> centre(std::size_t e) const {
         const Vec3<double> to_nose(e == 0 ? -nasal : nasal, 0, 0);
         return lids[e] + radius * Vec3<double>(0, 0.13, -0.88) + to_nose;
-    }
-    std::array<EyeballInHead, 2> eyes() const {
-        return {EyeballInHead{centre(0), radius, limbus_share * radius, iris_share * radius},
-                EyeballInHead{centre(1), radius, limbus_share * radius, iris_share * radius}};
     }
 };
 
@@ -394,8 +389,7 @@ struct Totals {
     std::set<std::string> left_out;
 };
 
-void summarize(const GhaSource& s, const Totals& t, const std::optional<SubjectEyes>& eyes,
-               ImportSummary& summary) {
+void summarize(const GhaSource& s, const Totals& t, ImportSummary& summary) {
     summary.found = {std::to_string(t.views) + " pictures, cameras and masks",
                      std::to_string(s.capture.expression_width()) +
                          " expression coefficients, head poses, landmarks, " +
@@ -408,18 +402,17 @@ void summarize(const GhaSource& s, const Totals& t, const std::optional<SubjectE
     if (s.from == GazeFrom::capture) summary.found.push_back("gaze of every frame");
     if (s.from == GazeFrom::file) summary.found.push_back("gaze of every frame, from --gaze");
     if (s.from == GazeFrom::iris) {
-        if (eyes)
-            summary.derived.push_back("gaze from the iris in " + std::to_string(eyes->views) +
-                                      " pictures of an eye, on these eyeballs; expect two degrees");
-        else
-            summary.derived.push_back(
-                "gaze from the iris in " + std::to_string(t.sightings) +
-                " pictures of an eye, on eyeballs of radius " + factor_text(s.guess.radius) +
-                " behind the lids, so that the axes of both eyes diverge as those of average eyes; "
-                "the cameras of a frame agree to " +
-                factor_text(t.spread / std::max(t.sightings, 1)) +
-                " degrees in the mean, but an error that all share (a centre or radius that is "
-                "off) does not show in that: expect some degrees");
+        summary.derived.push_back(
+            "gaze from the iris in " + std::to_string(t.sightings) +
+            " pictures of an eye, on eyeballs of radius " + factor_text(s.guess.radius) +
+            " behind the lids, so that the axes of both eyes diverge as those of average eyes; the "
+            "cameras of a frame agree to " +
+            factor_text(t.spread / std::max(t.sightings, 1)) +
+            " degrees in the mean, but an error that all share (a centre or radius that is off) "
+            "does not show in that: expect some degrees");
+        summary.derived.push_back(
+            "eyeballs' centres and sizes: of an average eye, placed by the "
+            "lids");
         if (t.borrowed > 0)
             summary.derived.push_back(
                 std::to_string(t.borrowed) +
@@ -429,11 +422,6 @@ void summarize(const GhaSource& s, const Totals& t, const std::optional<SubjectE
                                       " frames have no iris that was found (closed eyes?) and are "
                                       "in no list of frames");
     }
-    if (eyes)
-        summary.derived.push_back(eyes->text());
-    else if (s.from == GazeFrom::iris)
-        summary.derived.push_back(
-            "eyeballs' centres and sizes: of an average eye, placed by the lids");
     if (s.factor != 1)
         summary.derived.push_back("lengths times " + factor_text(s.factor) +
                                   ", so that a head spans about 2 units");
@@ -471,18 +459,8 @@ ImportSummary import_gha(const ImportOptions& o) {
             "in no frame was an iris found: the eyes have too few pixels, or the landmarks are not "
             "on the lids; give the gaze by --gaze FILE");
     summary.cameras = s.capture.camera_count();
-    const Json about = description(s, totals.left_out);
-    std::optional<SubjectEyes> eyes;
-    if (s.from == GazeFrom::iris || !s.capture.has_centres()) {
-        Capture written = folder.read(about.at("train_frames"));
-        const bool labels = s.from != GazeFrom::iris;
-        std::optional<std::array<EyeballInHead, 2>> start;
-        if (!labels) start = s.guess.eyes();
-        eyes = place_eyes(written, labels ? GivenGazes::labels : GivenGazes::none, start);
-        if (eyes) folder.write_eyes(written);
-    }
-    summarize(s, totals, eyes, summary);
-    folder.finish(about, summary);
+    summarize(s, totals, summary);
+    folder.finish(description(s, totals.left_out), summary);
     return summary;
 }
 

@@ -2,8 +2,7 @@
 /// Imports FLAME tracking exported by VHAP, with its meshes. The export has pictures, cameras,
 /// masks, expression and pose; landmarks, eyeballs and eye masks come from the meshes, the gaze
 /// from eyes_pose. World: the export's, metres, times a power of ten. Head frame: FLAME's axes (x
-/// subject's left, y up, z out of the face), with the middle of the first frame's eyes at
-/// eyes_in_head; later frames follow the vertices above the eyes.
+/// subject's left, y up, z out of the face), with the middle of the eyes at eyes_in_head.
 /// Source of the layout: VHAP (Qian, 2024), export_as_nerf_dataset.
 #include <algorithm>
 #include <cmath>
@@ -22,7 +21,7 @@
 #include "importers/flame.hpp"
 #include "importers/flame_params.hpp"
 #include "importers/import_folder.hpp"
-#include "importers/subject_eyes.hpp"
+#include "importers/iris_size.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -207,10 +206,6 @@ Columns<double> picked(const Columns<double>& points, const auto& which) {
     return out;
 }
 
-Vec3<double> middle_of(const Columns<double>& points, const std::vector<int>& which) {
-    return picked(points, which).rowwise().mean();
-}
-
 double span_of(const Columns<double>& points) {
     return (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm();
 }
@@ -230,8 +225,6 @@ constexpr std::array<int, 13> stable{27, 28, 29, 30, 31, 32, 33, 34, 35, 36, 39,
 struct Shared {
     double factor = 1;                ///< from the export's unit to rye's
     std::vector<int> dense;           ///< vertices of the narrow face
-    std::vector<int> skull;           ///< vertices above the eyes, which move with the head alone
-    Vec3<double> skull_in_head = Vec3<double>::Zero(); ///< their middle
     Columns<double> stable_in_head;   ///< of the first frame, about their mean
     std::vector<std::uint8_t> labels; ///< values of eye masks, per face
     std::vector<Face> faces;
@@ -257,14 +250,7 @@ Shared shared_of(const VhapSource& s, const VhapFrame& first) {
         if (!eye && i < flame_vertices && head(2, i) > behind && head(1, i) > below &&
             head(1, i) < above + 0.2 * (above - below))
             shared.dense.push_back(static_cast<int>(i));
-        if (!eye && head(1, i) > face(1, 27)) shared.skull.push_back(static_cast<int>(i));
     }
-    require(!shared.skull.empty(), first.mesh.string(),
-            "has no vertex above the bridge of the nose, expected a head");
-    // Of the first frame's eyeballs: their middle is at eyes_in_head.
-    const std::array<Sphere, 2> balls = eyeballs_of(s, shared.factor * head);
-    shared.skull_in_head = shared.factor * middle_of(head, shared.skull) + eyes_in_head -
-                           0.5 * (balls[0].centre + balls[1].centre);
     shared.faces = mesh.faces;
     for (const Face& f : mesh.faces) {
         std::uint8_t label = 0;
@@ -302,8 +288,9 @@ ImportHead head_of(const VhapSource& s, const Shared& shared, const VhapFrame& f
         ", expected below ", [&] { return factor_text(most_disagreement); },
         ": mesh and parameters are of different exports");
     const std::array<Sphere, 2> balls = eyeballs_of(s, vertices);
+    const Vec3<double> middle = 0.5 * (balls[0].centre + balls[1].centre);
     head.pose.head<3>() = so3_log(p.rotation);
-    head.pose.tail<3>() = middle_of(vertices, shared.skull) - p.rotation * shared.skull_in_head;
+    head.pose.tail<3>() = middle - p.rotation * eyes_in_head;
     head.has_gaze = true;
     for (std::size_t e = 0; e < 2; ++e) {
         require(

@@ -30,7 +30,6 @@
 #include "importers/hdf5_file.hpp"
 #include "importers/import_folder.hpp"
 #include "importers/opencv_xml.hpp"
-#include "importers/subject_eyes.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -625,8 +624,7 @@ struct Totals {
     int views = 0;
 };
 
-void summarize(const XgazeSource& s, const Totals& t, const std::optional<SubjectEyes>& eyes,
-               ImportSummary& summary) {
+void summarize(const XgazeSource& s, const Totals& t, ImportSummary& summary) {
     const double frames = summary.frames;
     const bool codes = !s.frames.front().expression.empty();
     summary.found.push_back(
@@ -658,12 +656,9 @@ void summarize(const XgazeSource& s, const Totals& t, const std::optional<Subjec
         summary.missing.push_back(
             "expression coefficients: one that is 0; face, eyes and what "
             "follows pose and gaze are trained, expressions are averaged");
-    if (eyes)
-        summary.derived.push_back(eyes->text());
-    else
-        summary.missing.push_back(
-            "eyeballs' centres and size of the iris: placed by the lids, of an average eye");
-    summary.missing.push_back("kappa: the gaze is a line of sight, not an optical axis");
+    summary.missing.push_back(
+        "eyeballs' centres, size of the iris and kappa: placed by the lids, of "
+        "an average eye; the gaze is a line of sight, not an optical axis");
 }
 
 } // namespace
@@ -699,10 +694,7 @@ ImportSummary import_xgaze(const ImportOptions& o) {
         o.progress(++summary.frames, static_cast<int>(s.frames.size()));
     }
     summary.cameras = static_cast<int>(s.cameras.size());
-    Capture written = folder.read(train);
-    const std::optional<SubjectEyes> eyes = place_eyes(written, GivenGazes::labels, std::nullopt);
-    if (eyes) folder.write_eyes(written);
-    summarize(s, totals, eyes, summary);
+    summarize(s, totals, summary);
     folder.finish({{"subject", o.source.stem().string()},
                    {"image_size", {s.side, s.side}},
                    {"train_frames", train},
