@@ -11,7 +11,8 @@ endif()
 
 # Sources for imports, and the program that writes them for the commands of docs/results/importing.md.
 if(TARGET test_importers)
-  add_library(import_sources STATIC importers/sources.cpp importers/xgaze_source.cpp)
+  add_library(import_sources STATIC importers/comparison.cpp importers/sources.cpp
+                                    importers/xgaze_source.cpp)
   target_link_libraries(import_sources PUBLIC rye_trainer)
   target_precompile_headers(import_sources REUSE_FROM rye_precompiled)
   if(TARGET rye_hdf5_headers)

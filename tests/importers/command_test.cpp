@@ -74,7 +74,7 @@ TEST_CASE("import: the summary has what was found, derived and missing, and the 
     CHECK(o.fault.empty());
     for (const char* words :
          {"frames    4 (4 written now, 0 complete before), 1 cameras\n", "found     4 pictures",
-          "derived   gaze of both eyes from eyes_pose\n", "missing   size of the iris",
+          "derived   gaze of both eyes from eyes_pose\n", "angle kappa between optical and visual axis\n",
           "warning   ", "1 camera: sides of the head that no image shows", "verdict   usable\n"})
         CHECK(o.printed.find(words) != std::string::npos);
     CHECK(run({"import", "vhap", source, "--out", out})

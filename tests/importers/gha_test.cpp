@@ -23,8 +23,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr double degrees = 57.29577951308232;
-
 /// One source for all tests of this file: in metres, larger pictures, as an iris needs pixels.
 struct Source {
     TemporaryFolder folder;
@@ -48,20 +46,6 @@ ImportOptions options(const fs::path& source, const fs::path& out, const fs::pat
     o.out = out;
     o.gaze = gaze;
     return o;
-}
-
-/// A CSV of the true gazes.
-std::string true_csv(const Capture& c) {
-    std::string text = "frame,left_pitch,left_yaw,right_pitch,right_yaw\n";
-    for (const CaptureFrame& f : c.frames) {
-        text += f.id;
-        for (const CaptureEye& eye : f.eyes) {
-            const Vec2<double> a = degrees * pitch_yaw(eye.optical);
-            text += "," + std::to_string(a[0]) + "," + std::to_string(a[1]);
-        }
-        text += "\n";
-    }
-    return text;
 }
 
 void check_refused(const std::string& words, const std::function<void(const fs::path&)>& damage) {
@@ -109,7 +93,7 @@ TEST_CASE("gha: the gaze of a file, as CSV and as npz") {
     const TemporaryFolder folder;
     const Source& source = Source::one();
     const Capture& truth = source.truth.capture;
-    std::ofstream(folder.path / "gaze.csv") << true_csv(truth);
+    write_gazes(source.truth, folder.path / "gaze.csv");
     import_gha(options(source.path(), folder.path / "csv", folder.path / "gaze.csv"));
     CHECK(compare(truth, read_trainable_capture(folder.path / "csv")).gaze_deg < 1e-3);
 

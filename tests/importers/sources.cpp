@@ -14,7 +14,13 @@
 #include <rye/capture/npz.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
+#include <rye/rig/gaze.hpp>
 
+#include "comparison.hpp"
+#include "data/flaws.hpp"
+#include "data/json.hpp"
+#include "data/validate.hpp"
+#include "importers/face_geometry.hpp"
 #include "importers/flame.hpp"
 #include "importers/import_folder.hpp"
 
@@ -157,6 +163,54 @@ std::string obj_text(const Points& vertices, const std::vector<Face>& faces) {
     return text;
 }
 
+Rigid<double> pose_of(const CaptureFrame& f) {
+    return {so3_exp(V3(f.pose.head<3>())), f.pose.tail<3>()};
+}
+
+/// The model's vertices by the labels of a frame, world.
+Points head_vertices(const TrueScene& truth, const Capture& labels, int f) {
+    const CaptureFrame& frame = labels.frames[static_cast<std::size_t>(f)];
+    const CaptureFrame& right = truth.capture.frames[static_cast<std::size_t>(f)];
+    const fs::path params = labels.folder / "params" / frame.id / "params.npz";
+    const std::vector<double> lids = read_npz(params).at("lid_coeff").values<double>("lid_coeff");
+    VecX<double> weights(static_cast<Index>(frame.expression.size()));
+    for (std::size_t i = 0; i < frame.expression.size(); ++i)
+        weights[static_cast<Index>(i)] = static_cast<double>(frame.expression[i]);
+    Points head = truth.model.vertices(
+        weights, Eigen::Map<const VecX<double>>(lids.data(), static_cast<Index>(lids.size())));
+    clear_eyeballs(head, truth.model.eyes, {right.eyes[0].optical, right.eyes[1].optical}, 0.010);
+    const Rigid<double> pose = pose_of(frame);
+    return (pose.rotation * head).colwise() + pose.translation;
+}
+
+/// The tracker's errors of the landmarks and of the dense vertices, by the model's vertices, world.
+Points landmark_errors(const TrueScene& truth, int f) {
+    const CaptureFrame &a = truth.capture.frames[static_cast<std::size_t>(f)],
+                       &b = truth.tracked.frames[static_cast<std::size_t>(f)];
+    Points off = Points::Zero(
+        3,
+        truth.model
+            .vertices(VecX<double>::Zero(static_cast<Index>(truth.model.expression_names.size())),
+                      VecX<double>::Zero(static_cast<Index>(lid_names.size())))
+            .cols());
+    for (std::size_t i = 0; i < truth.model.dense.size(); ++i)
+        off.col(truth.model.dense[i]) = (b.vertices - a.vertices).col(static_cast<Index>(i));
+    const Columns<double> marks =
+        true_landmarks(truth.tracked, b.id) - true_landmarks(truth.capture, a.id);
+    for (std::size_t i = 0; i < 68; ++i)
+        off.col(truth.model.landmarks[i]) = marks.col(static_cast<Index>(i));
+    return off;
+}
+
+/// Centres of the eyeballs in the head, as the tracker has them.
+std::array<V3, 2> eye_centres(const TrueScene& truth, int f) {
+    const CaptureFrame &a = truth.capture.frames[static_cast<std::size_t>(f)],
+                       &b = truth.tracked.frames[static_cast<std::size_t>(f)];
+    std::array<V3, 2> all;
+    for (std::size_t e = 0; e < 2; ++e) all[e] = pose_of(a).inverse().apply(*b.eyes[e].centre);
+    return all;
+}
+
 } // namespace
 
 Columns<double> true_landmarks(const Capture& c, const std::string& frame) {
@@ -175,50 +229,174 @@ BrownConrady<double> source_lens() {
 }
 
 TrueScene true_scene(const fs::path& folder, const CaptureSettings& settings) {
-    TrueScene t;
-    t.model = procedural_head(settings.seed);
-    t.scene = capture_scene(t.model, settings);
-    write_capture(t.model, t.scene, folder, [](int, int) {});
-    t.capture = read_capture(folder);
+    const HeadModel model = procedural_head(settings.seed);
+    write_capture(model, capture_scene(model, settings), folder, [](int, int) {});
+    return captured_scene(folder, {});
+}
+
+TrueScene captured_scene(const fs::path& folder, const fs::path& model) {
+    const Json about = read_json<Json>(folder / "capture.json");
+    require(about.contains("seed") && about.at("seed").is_number_unsigned(),
+            (folder / "capture.json").string() + ": seed",
+            "is missing, expected a capture of `rye capture`");
+    const auto seed = about.at("seed").get<std::uint64_t>();
+    TrueScene t{model.empty() ? procedural_head(seed) : ict_head(model, seed),
+                read_valid_capture(folder), read_valid_capture(folder)};
+    const CaptureFrame& first = t.capture.frames.front();
+    const double off = (head_vertices(t, t.capture, 0)(Eigen::all, t.model.landmarks) -
+                        true_landmarks(t.capture, first.id))
+                           .cwiseAbs()
+                           .maxCoeff();
+    require(
+        off < 1e-3, folder.string(), "its landmarks are ", [&] { return std::to_string(off); },
+        " from those of ", model.empty() ? "rye's own head" : model.string(),
+        ", expected below 0.001: give the --model of the capture");
     return t;
+}
+
+FlawSizes tracker_errors(bool stills) {
+    FlawSizes sizes;
+    if (stills) {
+        sizes[Flaw::camera_rotation] = 0.5;
+        sizes[Flaw::focal] = 1;
+        return sizes;
+    }
+    sizes[Flaw::gaze_common] = 4;
+    sizes[Flaw::gaze_single] = 2;
+    sizes[Flaw::centres] = 1.2;
+    sizes[Flaw::expression] = 0.06;
+    sizes[Flaw::pose_rotation] = 0.6;
+    sizes[Flaw::pose_position] = 1;
+    sizes[Flaw::landmarks] = 1.5;
+    return sizes;
+}
+
+void track(TrueScene& truth, const fs::path& folder, const FlawSizes& errors, std::uint64_t seed) {
+    FlawOptions o;
+    o.capture = truth.capture.folder;
+    o.out = folder;
+    o.seed = seed;
+    o.sizes = errors;
+    o.expression_share = 0.5;
+    write_flawed(o);
+    truth.tracked = read_valid_capture(folder);
+}
+
+namespace {
+
+/// The true eye masks of a view as a camera in the same place sees them.
+Image8 seen_eyes(const Capture& truth, int f, int k, const Pinhole<double>& camera,
+                 const Similarity& same) {
+    const Image8 eyes = read_image8(truth.view(f, k).eye_mask, 1);
+    const Pinhole<double>& from = truth.camera(f, k);
+    Image8 out = plain_image(camera.width, camera.height, 0);
+    for (int y = 0; y < out.height; ++y)
+        for (int x = 0; x < out.width; ++x) {
+            const V3 ray = same.motion.rotation * camera.ray(Vec2<double>(x + 0.5, y + 0.5));
+            const V3 p = from.project_point(V3(from.centre() + ray));
+            const auto u = static_cast<int>(std::floor(p.x())),
+                       v = static_cast<int>(std::floor(p.y()));
+            if (p.z() <= 0 || u < 0 || v < 0 || u >= eyes.width || v >= eyes.height) continue;
+            out.values[static_cast<std::size_t>(y * out.width + x)] =
+                eyes.values[static_cast<std::size_t>(v * eyes.width + u)];
+        }
+    return out;
+}
+
+/// The gaze.npz of a frame of an import with true eyeballs.
+NpzArrays seen_gaze(const CaptureFrame& truth, const CaptureFrame& import, const Similarity& same,
+                    TestGazes gazes) {
+    NpzArrays gaze;
+    const Mat3<double> back = same.motion.rotation.transpose();
+    const Mat3<double> head = pose_of(import).rotation;
+    std::array<std::vector<double>, 3> sizes;
+    for (std::size_t e = 0; e < 2; ++e) {
+        const std::string side = e == 0 ? "left" : "right";
+        const CaptureEye& eye = truth.eyes[e];
+        const V3 world = gazes == TestGazes::imported
+                             ? V3(head * import.eyes[e].optical)
+                             : V3(back * (pose_of(truth).rotation * eye.optical));
+        gaze["gaze_" + side] = array<double>({3}, list_of(head.transpose() * world));
+        gaze["gaze_" + side + "_world"] = array<double>({3}, list_of(world));
+        const V3 centre = back * (*eye.centre - same.motion.translation) / same.size;
+        gaze["eye_center_" + side] = array<double>({3}, list_of(centre));
+        sizes[0].push_back(*eye.radius / same.size);
+        sizes[1].push_back(*eye.limbus_radius / same.size);
+        sizes[2].push_back(*eye.iris_plane / same.size);
+    }
+    gaze["eye_radius"] = array<double>({2}, sizes[0]);
+    gaze["limbus_radius"] = array<double>({2}, sizes[1]);
+    gaze["iris_plane"] = array<double>({2}, sizes[2]);
+    return gaze;
+}
+
+} // namespace
+
+void write_test_labels(const Capture& truth, const Capture& import, TestGazes gazes,
+                       const fs::path& out) {
+    require(import.test == truth.test && import.frame_count() == truth.frame_count(),
+            import.folder.string(), "its test frames are not those of ", truth.folder.string());
+    require(!fs::exists(out), out.string(), "exists already");
+    fs::path to = out;
+    to += ".tmp";
+    fs::remove_all(to);
+    fs::copy(import.folder, to, fs::copy_options::recursive);
+    Json about = read_json<Json>(to / "capture.json");
+    about.erase("checksum");
+    about.erase("checksums");
+    write_text(to / "capture.json", about.dump(1));
+    for (const int f : truth.test) {
+        const CaptureFrame &a = truth.frames[static_cast<std::size_t>(f)],
+                           &b = import.frames[static_cast<std::size_t>(f)];
+        const Similarity same = to_truth(truth, import, f);
+        write_npz(to / "params" / b.id / "gaze.npz", seen_gaze(a, b, same, gazes));
+        for (int k = 0; k < std::min(import.camera_count(), truth.camera_count()); ++k)
+            if (import.view(f, k).present && truth.view(f, k).present)
+                write_png(
+                    to / "images" / b.id /
+                        ("eye_mask_" + import.camera_ids[static_cast<std::size_t>(k)] + ".png"),
+                    seen_eyes(truth, f, k, import.camera(f, k), same));
+    }
+    fs::rename(to, out);
 }
 
 void write_vhap_source(const TrueScene& truth, const fs::path& out) {
     constexpr double metre = 0.1;
-    const Capture& c = truth.capture;
+    const Capture& c = truth.tracked;
     const FlameShape shape = flame_shape(truth.model);
     const Mat3<double> neck = so3_exp(V3(0.06, -0.04, 0.02));
     // VHAP moves the mean translation of all frames to the origin.
     const V3 origin(0.2, -0.1, 0.3);
     Json frames = Json::array(), train = Json::array(), test = Json::array();
     for (int f = 0; f < c.frame_count(); ++f) {
-        const SceneFrame& scene = truth.scene.frames[static_cast<std::size_t>(f)];
+        const CaptureFrame& frame = c.frames[static_cast<std::size_t>(f)];
         const std::string id = number("%05d", f);
-        Points head = truth.model.vertices(scene.state.expression, scene.state.lids);
-        clear_eyeballs(head, truth.model.eyes, scene.state.optical, 0.010);
+        const Points head = head_vertices(truth, c, f) + landmark_errors(truth, f);
         Points all(3, 5143);
         for (Index i = 0; i < 3931; ++i)
             all.col(i) = head.col(shape.vertex[static_cast<std::size_t>(i)]);
         std::vector<Face> faces = shape.faces;
+        const Rigid<double> pose = pose_of(frame);
+        const std::array<V3, 2> centres = eye_centres(truth, f);
         for (std::size_t e = 0; e < 2; ++e) {
             const Index first = flame_eyeballs[2 * e];
             add_eyeball(truth.model.eyes[e], first, all, faces);
             const Mat3<double> turn =
-                quat_matrix(shortest_arc(V3(0, 0, 1), scene.state.optical[e]));
+                pose.rotation * quat_matrix(shortest_arc(V3(0, 0, 1), frame.eyes[e].optical));
             const Points ball =
-                (turn * all.middleCols(first, 546)).colwise() + truth.model.eyes[e].centre;
+                (turn * all.middleCols(first, 546)).colwise() + pose.apply(centres[e]);
             all.middleCols(first, 546) = ball;
         }
-        for (Index i = flame_vertices; i < 5143; ++i) all.col(i) = V3(0, -0.3, 0.6); // teeth
-        const Rigid<double>& pose = scene.state.world_from_head;
-        all = (((pose.rotation * all).colwise() + pose.translation) * metre).colwise() - origin;
+        for (Index i = flame_vertices; i < 5143; ++i)
+            all.col(i) = pose.apply(V3(0, -0.3, 0.6)); // teeth
+        all = (all * metre).colwise() - origin;
         write_text(out / "meshes" / (id + ".obj"), obj_text(all, faces));
 
         std::vector<double> expr(100, 0), eyes;
-        for (Index i = 0; i < std::min<Index>(100, scene.state.expression.size()); ++i)
-            expr[static_cast<std::size_t>(i)] = scene.state.expression[i];
+        for (std::size_t i = 0; i < std::min<std::size_t>(100, frame.expression.size()); ++i)
+            expr[i] = static_cast<double>(frame.expression[i]);
         for (std::size_t e = 0; e < 2; ++e) {
-            const V3 turn = so3_log(quat_matrix(shortest_arc(V3(0, 0, 1), scene.state.optical[e])));
+            const V3 turn = so3_log(quat_matrix(shortest_arc(V3(0, 0, 1), frame.eyes[e].optical)));
             for (int d = 0; d < 3; ++d) eyes.push_back(turn[d]);
         }
         fs::create_directories(out / "flame_param");
@@ -272,8 +450,21 @@ void write_vhap_source(const TrueScene& truth, const fs::path& out) {
     write("transforms_test.json", test);
 }
 
+void write_gazes(const TrueScene& truth, const fs::path& file) {
+    std::string text = "frame,left_pitch,left_yaw,right_pitch,right_yaw\n";
+    for (const CaptureFrame& f : truth.tracked.frames) {
+        text += f.id;
+        for (const CaptureEye& eye : f.eyes) {
+            const Vec2<double> a = 57.29577951308232 * pitch_yaw(eye.optical);
+            text += "," + std::to_string(a[0]) + "," + std::to_string(a[1]);
+        }
+        text += "\n";
+    }
+    write_text(file, text);
+}
+
 void write_gha_source(const TrueScene& truth, const fs::path& out, double unit) {
-    const Capture& c = truth.capture;
+    const Capture& c = truth.tracked;
     for (int f = 0; f < c.frame_count(); ++f) {
         const CaptureFrame& frame = c.frames[static_cast<std::size_t>(f)];
         const fs::path from = c.folder / "params" / frame.id, params = out / "params" / frame.id;
@@ -354,7 +545,7 @@ void write_still(const Capture& c, int k, const fs::path& path, bool lens) {
 } // namespace
 
 void write_transforms_source(const TrueScene& truth, const fs::path& out, bool lens) {
-    const Capture& c = truth.capture;
+    const Capture& c = truth.tracked;
     const Pinhole<double>& first = c.camera(0, 0);
     Json json = {{"camera_model", "OPENCV"}, {"w", first.width}, {"h", first.height}};
     if (lens) {
@@ -381,7 +572,7 @@ void write_transforms_source(const TrueScene& truth, const fs::path& out, bool l
 }
 
 void write_blender_source(const TrueScene& truth, const fs::path& out) {
-    const Capture& c = truth.capture;
+    const Capture& c = truth.tracked;
     const std::array<std::string, 3> parts{"train", "val", "test"};
     for (int k = 0; k < 3; ++k) {
         const std::string& part = parts[static_cast<std::size_t>(k)];
@@ -405,7 +596,7 @@ void write_blender_source(const TrueScene& truth, const fs::path& out) {
 
 void write_colmap_source(const TrueScene& truth, const fs::path& out, ColmapFiles files,
                          bool lens) {
-    const Capture& c = truth.capture;
+    const Capture& c = truth.tracked;
     const fs::path model = out / "sparse" / "0";
     const auto count = static_cast<std::uint64_t>(c.camera_count());
     Bytes cameras, images;

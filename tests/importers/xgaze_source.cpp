@@ -201,7 +201,7 @@ void add_landmarks(std::vector<double>& to, const Columns<double>& points,
 
 void write_xgaze_source(const TrueScene& truth, const fs::path& file, const fs::path& calibration,
                         XgazeFields fields) {
-    const Capture& c = truth.capture;
+    const Capture& c = truth.tracked;
     const bool gazenerf = fields == XgazeFields::gazenerf;
     const int side = c.width;
     Rows rows;
@@ -237,8 +237,15 @@ void write_xgaze_source(const TrueScene& truth, const fs::path& file, const fs::
                 const V3 v(gaze.x(), -gaze.y(), -gaze.z());
                 rows.gaze.push_back(std::asin(v.y()));
                 rows.gaze.push_back(std::atan2(-v.x(), -v.z()));
-                for (int i = 0; i < 306; ++i)
-                    rows.codes.push_back(i < 100 ? 9 : i < 179 ? 0.01 * (i - 100) + 0.1 * f : 7);
+                // 100 codes of the identity, 79 of the expression, and others.
+                for (std::size_t i = 0; i < 306; ++i) {
+                    const std::size_t e = i - 100;
+                    const bool expression = i >= 100 && i < 179;
+                    const bool has = expression && e < frame.expression.size();
+                    rows.codes.push_back(has          ? static_cast<double>(frame.expression[e])
+                                         : expression ? 0
+                                                      : 7);
+                }
                 rows.patch.push_back(bgr(picture));
                 rows.head_mask.push_back(to_8bit(c.mask(f, k)).values);
                 const Image<float> labels = c.eye_mask(f, k);

@@ -46,7 +46,33 @@ void write_points(const fs::path& path, const Columns<double>& points) {
 
 std::span<const double> span_of(const Vec3<double>& v) { return {v.data(), 3}; }
 
-/// Writes the files of the head; world directions follow from the pose.
+/// Writes gazes and eyeballs; world directions follow from the pose.
+void write_eyes(const fs::path& folder, const Vec<double, 6>& pose,
+                const std::array<CaptureEye, 2>& eyes) {
+    NpzArrays gaze;
+    const Mat3<double> world_from_head = so3_exp(Vec3<double>(pose.head<3>()));
+    static constexpr std::array sides{"left", "right"};
+    for (std::size_t e = 0; e < 2; ++e) {
+        const std::string side = sides[e];
+        const CaptureEye& eye = eyes[e];
+        const Vec3<double> world = world_from_head * eye.optical;
+        gaze["gaze_" + side] = numbers<double>({3}, span_of(eye.optical));
+        gaze["gaze_" + side + "_world"] = numbers<double>({3}, span_of(world));
+        if (eye.visual) gaze["visual_" + side] = numbers<double>({3}, span_of(*eye.visual));
+        if (eye.centre) gaze["eye_center_" + side] = numbers<double>({3}, span_of(*eye.centre));
+    }
+    const auto of_both = [&](const char* name, std::optional<double> CaptureEye::*length) {
+        if (!(eyes[0].*length) || !(eyes[1].*length)) return;
+        const std::array<double, 2> both{*(eyes[0].*length), *(eyes[1].*length)};
+        gaze[name] = numbers<double>({2}, both);
+    };
+    of_both("eye_radius", &CaptureEye::radius);
+    of_both("limbus_radius", &CaptureEye::limbus_radius);
+    of_both("iris_plane", &CaptureEye::iris_plane);
+    write_bytes(folder / "gaze.npz", npz_bytes(gaze));
+}
+
+/// Writes the files of the head.
 void write_head(const fs::path& folder, const ImportHead& head) {
     const auto width = static_cast<Index>(head.expression.size());
     write_bytes(folder / "params.npz",
@@ -55,28 +81,7 @@ void write_head(const fs::path& folder, const ImportHead& head) {
                            {"scale", numbers<double>({1, 1}, {&head.scale, 1})}}));
     write_points(folder / "lmk_3d.npy", head.landmarks);
     if (head.vertices.cols() > 0) write_points(folder / "vertices.npy", head.vertices);
-    if (!head.has_gaze) return;
-    NpzArrays gaze;
-    const Mat3<double> world_from_head = so3_exp(Vec3<double>(head.pose.head<3>()));
-    static constexpr std::array sides{"left", "right"};
-    for (std::size_t e = 0; e < 2; ++e) {
-        const std::string side = sides[e];
-        const CaptureEye& eye = head.eyes[e];
-        const Vec3<double> world = world_from_head * eye.optical;
-        gaze["gaze_" + side] = numbers<double>({3}, span_of(eye.optical));
-        gaze["gaze_" + side + "_world"] = numbers<double>({3}, span_of(world));
-        if (eye.visual) gaze["visual_" + side] = numbers<double>({3}, span_of(*eye.visual));
-        if (eye.centre) gaze["eye_center_" + side] = numbers<double>({3}, span_of(*eye.centre));
-    }
-    const auto of_both = [&](const char* name, std::optional<double> CaptureEye::*length) {
-        if (!(head.eyes[0].*length) || !(head.eyes[1].*length)) return;
-        const std::array<double, 2> both{*(head.eyes[0].*length), *(head.eyes[1].*length)};
-        gaze[name] = numbers<double>({2}, both);
-    };
-    of_both("eye_radius", &CaptureEye::radius);
-    of_both("limbus_radius", &CaptureEye::limbus_radius);
-    of_both("iris_plane", &CaptureEye::iris_plane);
-    write_bytes(folder / "gaze.npz", npz_bytes(gaze));
+    if (head.has_gaze) write_eyes(folder, head.pose, head.eyes);
 }
 
 /// Removes a picture of an earlier format: PNG has precedence over JPEG.
@@ -218,6 +223,20 @@ void ImportFolder::write(const ImportFrame& frame, const Json& facts) {
     }
     record_.frames[frame.id] = facts;
     save_progress();
+}
+
+void ImportFolder::write_eyes(const Capture& capture) const {
+    for (const CaptureFrame& f : capture.frames)
+        if (f.has_gaze) trainer::write_eyes(out_ / "params" / f.id, f.pose, f.eyes);
+}
+
+Capture ImportFolder::read(const Json& train) const {
+    Capture capture = read_capture(out_);
+    capture.train.clear();
+    for (int f = 0; f < capture.frame_count(); ++f)
+        if (std::find(train.begin(), train.end(), capture.frame(f).id) != train.end())
+            capture.train.push_back(f);
+    return capture;
 }
 
 void ImportFolder::write_file(const std::string& name, const std::string& text) const {

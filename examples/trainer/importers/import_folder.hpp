@@ -103,6 +103,12 @@ class ImportFolder {
     /// Writes all files of a frame, then lists it as complete with its facts.
     void write(const ImportFrame& frame, const Json& facts);
 
+    /// Returns what was written so far as a capture with these training frames, by their names.
+    Capture read(const Json& train) const;
+
+    /// Replaces gazes and eyeballs of all frames with a gaze by those of the capture.
+    void write_eyes(const Capture& capture) const;
+
     /// Replaces a further file of the folder.
     void write_file(const std::string& name, const std::string& text) const;
 

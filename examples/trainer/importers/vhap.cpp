@@ -20,6 +20,7 @@
 #include "importers/flame.hpp"
 #include "importers/flame_params.hpp"
 #include "importers/import_folder.hpp"
+#include "importers/iris_size.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -416,9 +417,18 @@ ImportSummary import_vhap(const ImportOptions& o) {
     if (s.masks < s.views)
         summary.derived.push_back(std::to_string(s.views - s.masks) +
                                   " masks from the meshes: without hair and shoulders");
-    summary.missing = {"size of the iris: that of an average eye is used",
-                       "angle kappa between optical and visual axis"};
-    folder.finish(description(s, shared, expression), summary);
+    const Json about = description(s, shared, expression);
+    Capture written = folder.read(about.at("train_frames"));
+    const double iris = measure_iris(written);
+    if (iris > 0) {
+        folder.write_eyes(written);
+        summary.derived.push_back("size of the iris from the pictures: its rim has " +
+                                  factor_text(iris) + " radii of the eyeball");
+    } else {
+        summary.missing.push_back("size of the iris: that of an average eye is used");
+    }
+    summary.missing.push_back("angle kappa between optical and visual axis");
+    folder.finish(about, summary);
     return summary;
 }
 

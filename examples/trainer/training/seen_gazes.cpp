@@ -109,10 +109,10 @@ seen_irises(const Capture& capture, const std::vector<int>& frames,
                     ball.centre + ball.iris_plane * (rotation * found->gaze);
                 const double edge = view.camera.fx * std::hypot(ball.iris_plane,
                                                                 ball.limbus_radius);
-                seen[e].push_back({c, pitch_yaw(found->gaze),
-                                   std::min(1.0, found->pixels / sharp),
+                seen[e].push_back({c, pitch_yaw(found->gaze), std::min(1.0, found->pixels / sharp),
                                    view.camera.project_point(iris).head<2>(),
-                                   edge / (ball.centre - view.camera.centre()).norm()});
+                                   edge / (ball.centre - view.camera.centre()).norm(),
+                                   found->contrast});
             }
         }
     });

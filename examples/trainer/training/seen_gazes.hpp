@@ -31,6 +31,7 @@ struct SeenIris {
     double sharpness;    ///< 1 for enough pixels, less for fewer
     Vec2<double> at;     ///< middle of the iris in the picture [px]
     double edge;         ///< radius of the sphere of its rim in the picture [px]
+    double contrast;     ///< share of the variance in the picture that it explains, 0 to 1
 };
 
 /// Returns the irises of both eyes in each of these frames, by camera. balls: both eyes in each
