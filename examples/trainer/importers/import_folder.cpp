@@ -230,8 +230,11 @@ void ImportFolder::write_eyes(const Capture& capture) const {
         if (f.has_gaze) trainer::write_eyes(out_ / "params" / f.id, f.pose, f.eyes);
 }
 
-Capture ImportFolder::read(const Json& train) const {
-    Capture capture = read_capture(out_);
+std::optional<Capture> ImportFolder::read(const Json& train) const {
+    std::vector<Problem> problems;
+    Capture capture = read_capture(out_, {}, &problems);
+    for (const Problem& p : problems)
+        if (p.severity == Problem::Severity::error) return std::nullopt;
     capture.train.clear();
     for (int f = 0; f < capture.frame_count(); ++f)
         if (std::find(train.begin(), train.end(), capture.frame(f).id) != train.end())

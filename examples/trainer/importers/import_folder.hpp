@@ -117,8 +117,9 @@ class ImportFolder {
     /// Writes all files of a frame, then lists it as complete with its facts.
     void write(const ImportFrame& frame, const Json& facts);
 
-    /// Returns what was written so far as a capture with these training frames, by their names.
-    Capture read(const Json& train) const;
+    /// Returns what was written so far as a capture with these training frames, by their names;
+    /// nothing if a file of it has a fault, which the verdict will name.
+    std::optional<Capture> read(const Json& train) const;
 
     /// Replaces gazes and eyeballs of all frames with a gaze by those of the capture.
     void write_eyes(const Capture& capture) const;

@@ -418,10 +418,10 @@ ImportSummary import_vhap(const ImportOptions& o) {
         summary.derived.push_back(std::to_string(s.views - s.masks) +
                                   " masks from the meshes: without hair and shoulders");
     const Json about = description(s, shared, expression);
-    Capture written = folder.read(about.at("train_frames"));
-    const double iris = measure_iris(written);
+    std::optional<Capture> written = folder.read(about.at("train_frames"));
+    const double iris = written ? measure_iris(*written) : 0;
     if (iris > 0) {
-        folder.write_eyes(written);
+        folder.write_eyes(*written);
         summary.derived.push_back("size of the iris from the pictures: its rim has " +
                                   factor_text(iris) + " radii of the eyeball");
     } else {
