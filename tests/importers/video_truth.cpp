@@ -15,6 +15,7 @@
 #include <rye/rig/gaze.hpp>
 
 #include "data/capture.hpp"
+#include "data/degrees.hpp"
 #include "data/json.hpp"
 #include "data/median.hpp"
 #include "importers/face_geometry.hpp"
@@ -24,7 +25,7 @@ namespace {
 using namespace rye;
 using namespace rye::trainer;
 
-constexpr double degrees = 57.29577951308232, mm_per_unit = 100;
+constexpr double mm_per_unit = 100;
 
 struct Pair {
     int truth, got;

@@ -7,7 +7,6 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
-#include <Eigen/SVD>
 
 #include <rye/backend/scalar.hpp>
 #include <rye/core/error.hpp>
@@ -72,19 +71,6 @@ Sphere fit_sphere(const Columns<double>& points) {
     }
     sphere.error = std::sqrt(sphere.error);
     return sphere;
-}
-
-Rigid<double> fit_rigid(const Columns<double>& from, const Columns<double>& to) {
-    const Vec3<double> a = from.rowwise().mean(), b = to.rowwise().mean();
-    const Mat3<double> spread = (to.colwise() - b) * (from.colwise() - a).transpose();
-    const Eigen::JacobiSVD<Eigen::Matrix3d> svd(spread, Eigen::ComputeFullU | Eigen::ComputeFullV);
-    Mat3<double> u = svd.matrixU();
-    const Mat3<double> v = svd.matrixV();
-    if ((u * v.transpose()).determinant() < 0) u.col(2) *= -1;
-    Rigid<double> motion;
-    motion.rotation = u * v.transpose();
-    motion.translation = b - motion.rotation * a;
-    return motion;
 }
 
 NearestPoint nearest_to_lines(const Columns<double>& origins, const Columns<double>& directions) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// importers/face_geometry.hpp: geometry for importers, from points and meshes: spheres, rigid
-/// motions, points from rays, eye masks and silhouettes. Points are columns, world units; pixel
+/// importers/face_geometry.hpp: geometry for importers, from points and meshes: spheres,
+/// points from rays, eye masks and silhouettes. Points are columns, world units; pixel
 /// centres +0.5. Eye 0 is the subject's left.
 #pragma once
 
@@ -11,6 +11,7 @@
 #include <rye/geometry/distortion.hpp>
 #include <rye/geometry/mesh.hpp>
 
+#include "data/fit_rigid.hpp"
 #include "data/picture.hpp"
 
 namespace rye::trainer {
@@ -27,9 +28,6 @@ struct Sphere {
 /// Returns the sphere nearest to at least 4 points, by linear least squares on |x|^2 = 2 c.x +
 /// const.
 Sphere fit_sphere(const Columns<double>& points);
-
-/// Returns the motion that moves `from` nearest to `to`, both 3 x N (Kabsch).
-Rigid<double> fit_rigid(const Columns<double>& from, const Columns<double>& to);
 
 /// Point nearest to lines through `origins` along unit `directions`, both 3 x N, N >= 2.
 struct NearestPoint {

@@ -3,12 +3,11 @@
 
 #include <cmath>
 
-#include <Eigen/SVD>
-
 #include <rye/math/rotation.hpp>
 #include <rye/train/landmark_losses.hpp>
 
 #include "data/degrees.hpp"
+#include "data/fit_rigid.hpp"
 #include "training/centre_errors.hpp"
 #include "training/types.hpp"
 
@@ -17,18 +16,6 @@ namespace {
 
 double rms_mm(const Columns<double>& difference) {
     return mm_per_unit * std::sqrt(difference.colwise().squaredNorm().mean());
-}
-
-/// Returns the motion that takes points nearest to others, by least squares (Kabsch 1976).
-Rigid<double> nearest_motion(const Columns<double>& from, const Columns<double>& to) {
-    const Vec3<double> a = from.rowwise().mean(), b = to.rowwise().mean();
-    const Mat3<double> product = (to.colwise() - b) * (from.colwise() - a).transpose();
-    const Eigen::JacobiSVD<Mat3<double>> svd(product, Eigen::ComputeFullU | Eigen::ComputeFullV);
-    const double sign = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
-    Rigid<double> m;
-    m.rotation = svd.matrixU() * Vec3<double>(1, 1, sign).asDiagonal() * svd.matrixV().transpose();
-    m.translation = b - m.rotation * a;
-    return m;
 }
 
 } // namespace
@@ -67,7 +54,7 @@ HeadAlignment head_alignment(const TrainState& state, const Capture& capture,
         measured.middleCols(at, each) = to_canonical(frame, frame_landmarks(capture, f));
     }
     HeadAlignment a;
-    a.capture_from_run = nearest_motion(run, measured);
+    a.capture_from_run = fit_rigid(run, measured);
     a.before_mm = rms_mm(measured - run);
     a.after_mm = rms_mm(measured - ((a.capture_from_run.rotation * run).colwise() +
                                     a.capture_from_run.translation));
