@@ -129,19 +129,19 @@ void add_video(CLI::App& command, const std::shared_ptr<Arguments>& a) {
                                import_video);
     VideoImport& v = a->options.video;
     video->add_option("--every", v.every, "Track every so many-th picture")
-        ->check(CLI::Range(1, 10000))
+        ->check(from_to(1, 10000))
         ->capture_default_str();
     video->add_option("--frames", v.frames, "Most frames of the capture: the most different pictures")
-        ->check(CLI::Range(8, 2000))
+        ->check(from_to(8, 2000))
         ->capture_default_str();
     video->add_option("--size", v.size, "Most pixels of a side of the capture's pictures")
-        ->check(CLI::Range(64, 4096))
+        ->check(from_to(64, 4096))
         ->capture_default_str();
     video->add_option("--focal", v.focal,
                       "Focal length [px] in pictures of at most 1920 pixels, where it is known")
-        ->check(CLI::Range(50.0, 50000.0));
+        ->check(from_to(50.0, 50000.0));
     video->add_option("--iris-mm", v.iris_mm, "Diameter of an iris, which gives the scale [mm]")
-        ->check(CLI::Range(9.0, 14.0))
+        ->check(from_to(9.0, 14.0))
         ->capture_default_str();
     video->add_option("--modules", v.modules, "node_modules with the tracker's packages");
     video->add_option("--landmarker", v.landmarker, "face_landmarker.task of MediaPipe");
