@@ -15,7 +15,7 @@
 #   compilers the program and the library for C by g++ 12, 13 and 14 and by clang 14 and 19, each on
 #             a bare Debian, with warnings as errors
 #   newest    the Eigen and xsimd of Debian's unstable suite
-#   bits32    x86 with 32-bit pointers, with the tests of core
+#   bits32    x86 with 32-bit pointers, with the tests of core; by qemu-user if the kernel runs none
 #   wasm32    WebAssembly by emscripten, run by node
 #   aarch64   Arm with 64 bits, run by qemu-user: with test_math, test_rig, test_nn and test_splat,
 #             and a few steps of `rye train`; plain loops must have the bits that they have on x86
@@ -47,6 +47,14 @@ compiles() { # COMPILER...: a program that includes the standard library
     printf '#include <string>\nint main() { return 0; }\n' > "$work/probe.cpp"
     "$@" "$work/probe.cpp" -o "$work/probe" > /dev/null 2>&1
 }
+# What runs programs with 32-bit pointers: nothing, or qemu-user where the kernel does not.
+runner32() {
+    printf 'int main() { return 0; }\n' > "$work/probe32.cpp"
+    # shellcheck disable=SC2086 # several words
+    if $m32 "$work/probe32.cpp" -o "$work/probe32" > /dev/null 2>&1; then
+        "$work/probe32" > /dev/null 2>&1 || echo qemu-i386
+    fi
+}
 clang() {
     for name in ${CLANG:-clang++ clang++-14}; do has "$name" && echo "$name" && return; done
 }
@@ -55,7 +63,9 @@ missing() { # TARGET: the Debian packages it needs that are not there
     libcxx)
         [ -n "$(clang)" ] && compiles "$(clang)" -stdlib=libc++ ||
             echo clang libc++-dev libc++abi-dev ;;
-    bits32) compiles $m32 || echo "g++-$gxx_major-multilib" ;;
+    bits32)
+        compiles $m32 || echo "g++-$gxx_major-multilib"
+        [ -z "$(runner32)" ] || has qemu-i386 || echo qemu-user ;;
     wasm32)
         has em++ || echo emscripten
         has node || echo nodejs ;;
@@ -289,12 +299,13 @@ in_bare() { # SUITE PACKAGE COMPILER TARGETS CMAKE_OPTIONS...
 target_newest() { other_versions newest sid; }
 target_bits32() {
     compiler="$ccache $m32 -std=c++20 -I$root/include -isystem $eigen"
+    by=$(runner32)
     # shellcheck disable=SC2086 # several words
     {
-        run bits32 "README" readme "" $compiler -O2
-        run bits32 "numbers" numbers "" $compiler -O1
+        run bits32 "README" readme "$by" $compiler -O2
+        run bits32 "numbers" numbers "$by" $compiler -O1
         run bits32 "every header" every_header "$m32" -std=c++20
-        run bits32 "test_core" unit_tests "" core $compiler -O0
+        run bits32 "test_core" unit_tests "$by" core $compiler -O0
     }
 }
 target_wasm32() {
@@ -397,6 +408,7 @@ awk '/^```cpp/ { inside = 1; next } /^```/ { if (inside) exit } inside' README.m
 [ -s "$work/readme.cpp" ] || { echo "README.md shows no C++ program"; exit 1; }
 has "$cxx" && [ -e $eigen ] || sh cmake/install_dependencies.sh
 install_missing "$@"
+install_missing "$@" # what only an installed compiler shows
 for target; do mkdir -p "$work/$target" && rm -f "$work/$target/results"; done
 one() { printf '%s\n' "$@" | xargs -P "$jobs" -I '{}' sh tests/portability.sh --one '{}'; }
 small=$(printf '%s\n' "$@" | grep -Ev '^(debian13|compilers|aarch64)$' || true)
