@@ -5,6 +5,7 @@
 #if defined(__linux__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 #define RYE_HAS_LIMITS
 
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -53,6 +54,16 @@ std::string in_child(unsigned seconds, F&& f) {
     if (waitpid(child, &status, 0) != child) return "the child was not waited for";
     if (WIFSIGNALED(status)) return strsignal(WTERMSIG(status));
     return WEXITSTATUS(status) == 0 ? "" : "it returned false or threw";
+}
+
+/// Whether the system keeps limits of memory: qemu, which runs programs of other processors, does
+/// not.
+inline bool limits_memory() {
+    constexpr std::size_t more = std::size_t(64) << 20;
+    return in_child(20, [] {
+        return limit_memory(more) && mmap(nullptr, 2 * more, PROT_READ,
+                                          MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) == MAP_FAILED;
+    }) == "";
 }
 
 } // namespace rye::test
