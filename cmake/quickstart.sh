@@ -12,7 +12,7 @@ out=quickstart
 rye=$build/rye
 
 step "Dependencies" sh cmake/install_dependencies.sh
-step "Configure" configure "$build" -DRYE_BUILD_TESTS=OFF -DRYE_BUILD_EXAMPLES=OFF \
+step "Configure" configure "$build" -DRYE_MERGE_UNITS=ON -DRYE_BUILD_TESTS=OFF -DRYE_BUILD_EXAMPLES=OFF \
     -DRYE_BUILD_BENCHMARKS=OFF
 step "Build the program rye" cmake --build "$build" --parallel "$jobs"
 
