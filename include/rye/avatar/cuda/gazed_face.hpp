@@ -40,7 +40,7 @@ struct FieldsSum {
     RYE_DEVICE void at(Index point, Index row, float* sum) const {
         for (int r = 0; r < n; ++r)
             sum[r] = before != nullptr ? before[point * rows + row + r] : 0.0F;
-        expanded<fields>([&](auto k) { of[k].template add<n>(point, row, sum); });
+        repeated<fields>([&](auto k) { of[k].template add<n>(point, row, sum); });
     }
 };
 

@@ -18,12 +18,12 @@ template <class W, int N>
 RYE_DEVICE void multiply(Array<typename W::F, 4>& d, const Planes<W, N, 4>& a,
                          const Planes<W, N, 2>& b) {
     if constexpr (N < 3) {
-        expanded<N>([&](auto i) { expanded<N - i>([&](auto k) { W::mma(d, a[i], b[k]); }); });
+        expanded<N>([&](auto i) { repeated<N - i>([&](auto k) { W::mma(d, a[i], b[k]); }); });
     } else {
         // Units of matrices cut their sums off: a long chain of them would drift.
         using F = typename W::F;
         Array<F, 4> part{{F(0.0F), F(0.0F), F(0.0F), F(0.0F)}};
-        expanded<N>([&](auto i) { expanded<N - i>([&](auto k) { W::mma(part, a[i], b[k]); }); });
+        expanded<N>([&](auto i) { repeated<N - i>([&](auto k) { W::mma(part, a[i], b[k]); }); });
         expanded<4>([&](auto k) { d[k] = d[k] + part[k]; });
     }
 }

@@ -39,6 +39,17 @@ RYE_DEVICE inline void expanded(F&& f) {
     detail::unroll(f, std::make_integer_sequence<int, n>());
 }
 
+/// Calls f(0) ... f(n - 1). On a device as `expanded`; on the host a loop, so that f, whose argument
+/// is then an int, is compiled once.
+template <int n, class F>
+RYE_DEVICE inline void repeated(F&& f) {
+#if defined(__CUDACC__)
+    expanded<n>(f);
+#else
+    for (int i = 0; i < n; ++i) f(i);
+#endif
+}
+
 /// Four numbers that are read and written at once.
 struct alignas(16) Quad4 {
     float x, y, z, w;

@@ -141,7 +141,7 @@ struct AdamStepKernel {
             for (int k = t; k < r.count; k += at_once * threads) {
                 float g[at_once] = {}, mean[at_once] = {}, square[at_once] = {}, x[at_once] = {};
                 const auto each = [&](const auto& own) {
-                    expanded<at_once>([&](auto e) {
+                    repeated<at_once>([&](auto e) {
                         if (k + e * threads < r.count) own(e, r.begin + k + e * threads);
                     });
                 };

@@ -146,9 +146,9 @@ struct ConvolutionKernel {
         Array<F, 4> sum[std::size_t(Tiles::high)][std::size_t(Tiles::wide)];
 
         RYE_DEVICE void clear() {
-            expanded<Tiles::high>([&](auto m) {
-                expanded<Tiles::wide>(
-                    [&](auto n) { expanded<4>([&](auto k) { sum[m][n][k] = F(0.0F); }); });
+            repeated<Tiles::high>([&](auto m) {
+                repeated<Tiles::wide>(
+                    [&](auto n) { repeated<4>([&](auto k) { sum[m][n][k] = F(0.0F); }); });
             });
         }
         /// += the products of a column of taps.
@@ -157,15 +157,15 @@ struct ConvolutionKernel {
             const U lane = W::lane(), x = lane % U(16U) + U(static_cast<std::uint32_t>(column));
             const U row = x * U(Image::pixel_bytes) +
                           U(static_cast<std::uint32_t>(first_row(w) * Image::row_bytes));
-            expanded<2>([&](auto step) {
+            repeated<2>([&](auto step) {
                 const U at =
                     row + Image::swapped(lane / U(16U) + U(std::uint32_t(2 * step)), x) * U(16U);
                 Planes<W, N, 2> right[3][std::size_t(Tiles::wide)];
-                expanded<3>([&](auto down) {
-                    expanded<Tiles::wide>([&](auto n) {
+                repeated<3>([&](auto down) {
+                    repeated<Tiles::wide>([&](auto n) {
                         const int operand =
                             (step * 3 + down) * Tiles::columns + first_column(w) + n;
-                        expanded<N>([&](auto p) {
+                        repeated<N>([&](auto p) {
                             right[down][n][p] =
                                 W::read_words2(weights + (operand * N + p) * 64, lane);
                         });
@@ -173,14 +173,14 @@ struct ConvolutionKernel {
                 });
                 expanded<Tiles::high + 2>([&](auto r) {
                     Planes<W, N, 4> left;
-                    expanded<N>([&](auto p) {
+                    repeated<N>([&](auto p) {
                         left[p] = W::template tiles<false>(
                             &image.at[p][0], at + U(std::uint32_t(r * Image::row_bytes)));
                     });
                     expanded<3>([&](auto down) {
                         constexpr int m = decltype(r)::value - decltype(down)::value;
                         if constexpr (m >= 0 && m < Tiles::high)
-                            expanded<Tiles::wide>(
+                            repeated<Tiles::wide>(
                                 [&](auto n) { multiply<W, N>(sum[m][n], left, right[down][n]); });
                     });
                 });
@@ -219,12 +219,12 @@ struct ConvolutionKernel {
     RYE_DEVICE void activate(Sums<W>& sums, const typename W::U& first_c) const {
         using U = typename W::U;
         const U channels(static_cast<std::uint32_t>(result.outputs));
-        expanded<Tiles::wide>([&](auto n) {
-            expanded<2>([&](auto k) {
+        repeated<Tiles::wide>([&](auto n) {
+            repeated<2>([&](auto k) {
                 const U channel = first_c + U(std::uint32_t(8 * n + k));
                 const auto own = W::read_where(channel < channels, result.bias, channel, 0.0F);
-                expanded<Tiles::high>([&](auto m) {
-                    expanded<2>([&](auto half) {
+                repeated<Tiles::high>([&](auto m) {
+                    repeated<2>([&](auto half) {
                         auto& x = sums.sum[m][n][2 * half + k];
                         x = relu(typename W::F(x + own));
                     });
@@ -239,14 +239,14 @@ struct ConvolutionKernel {
         const U channels(static_cast<std::uint32_t>(result.outputs)),
             width(static_cast<std::uint32_t>(in.width));
         const U first = first_x * channels + first_c, eight = U(8U) * channels;
-        expanded<Tiles::high>([&](auto m) {
+        repeated<Tiles::high>([&](auto m) {
             const int y = c.y + first_row(w) + m;
             if (y >= in.height) return;
             float* const row = result.to + Index(y) * in.width * result.outputs;
-            expanded<2>([&](auto half) {
+            repeated<2>([&](auto half) {
                 const auto there = first_x + U(std::uint32_t(8 * half)) < width;
                 const U at = half == 0 ? first : U(first + eight);
-                expanded<Tiles::wide>([&](auto n) {
+                repeated<Tiles::wide>([&](auto n) {
                     const U channel = first_c + U(std::uint32_t(8 * n));
                     const U own = at + U(std::uint32_t(8 * n));
                     const auto &a = sums.sum[m][n][2 * half], &b = sums.sum[m][n][2 * half + 1];
@@ -286,11 +286,11 @@ struct ConvolutionKernel {
             x = x + W::template across<8>(x);
             return F(x + W::template across<16>(x));
         };
-        expanded<Tiles::wide>([&](auto n) {
-            expanded<2>([&](auto k) {
+        repeated<Tiles::wide>([&](auto n) {
+            repeated<2>([&](auto k) {
                 const auto each = [&](const auto& f) {
-                    expanded<Tiles::high>([&](auto m) {
-                        expanded<2>(
+                    repeated<Tiles::high>([&](auto m) {
+                        repeated<2>(
                             [&](auto half) { f(m, half, F(sums.sum[m][n][2 * half + k])); });
                     });
                 };

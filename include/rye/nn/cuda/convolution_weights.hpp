@@ -166,10 +166,10 @@ struct ConvolutionWeightKernel {
 
         template <class F2>
         RYE_DEVICE void each(const F2& f) {
-            expanded<operands>([&](auto m) {
-                expanded<9>([&](auto tap) {
-                    expanded<2>([&](auto n) {
-                        expanded<4>(
+            repeated<operands>([&](auto m) {
+                repeated<9>([&](auto tap) {
+                    repeated<2>([&](auto n) {
+                        repeated<4>(
                             [&](auto k) { f(((m * 9 + tap) * 2 + n) * 4 + k, sum[m][tap][n][k]); });
                     });
                 });
@@ -190,7 +190,7 @@ struct ConvolutionWeightKernel {
             Planes<W, N, 4> left[3][std::size_t(operands)];
             expanded<rows + 2>([&](auto r) {
                 if constexpr (r < rows)
-                    expanded<operands>([&](auto m) {
+                    repeated<operands>([&](auto m) {
                         left[r % 3][m] =
                             cotangent(stage.g, part * rows + r, first_output(w) / 8 + 2 * m);
                     });
@@ -200,8 +200,8 @@ struct ConvolutionWeightKernel {
                         constexpr int row = decltype(r)::value - decltype(down)::value;
                         constexpr int tap = 3 * decltype(down)::value + decltype(column)::value;
                         if constexpr (row >= 0 && row < rows)
-                            expanded<operands>([&](auto m) {
-                                expanded<2>([&](auto n) {
+                            repeated<operands>([&](auto m) {
+                                repeated<2>([&](auto n) {
                                     multiply<W, N>(sum[m][tap][n], left[row % 3][m], right[n]);
                                 });
                             });
@@ -218,7 +218,7 @@ struct ConvolutionWeightKernel {
             const U at = x * U(Cotangent::pixel_bytes) + Cotangent::swapped(own, x) * U(16U) +
                          U(static_cast<std::uint32_t>(y * Cotangent::row_bytes));
             Planes<W, N, 4> r;
-            expanded<N>([&](auto p) { r[p] = W::template tiles<true>(&g.at[p][0], at); });
+            repeated<N>([&](auto p) { r[p] = W::template tiles<true>(&g.at[p][0], at); });
             return r;
         }
         /// Twice eight inputs of a row of pixels, moved by a column of taps.
@@ -231,7 +231,7 @@ struct ConvolutionWeightKernel {
             const U at = x * U(Image::pixel_bytes) + Image::swapped(own, x) * U(16U) +
                          U(static_cast<std::uint32_t>(y * Image::row_bytes));
             Array<Planes<W, N, 2>, 2> r;
-            expanded<N>([&](auto p) {
+            repeated<N>([&](auto p) {
                 const auto t = W::template tiles<true>(&image.at[p][0], at);
                 r[0][p] = {{t[0], t[1]}};
                 r[1][p] = {{t[2], t[3]}};
@@ -264,11 +264,11 @@ struct ConvolutionMergeKernel {
             double sum = 0;
             for (int s = way; s < slices; s += ways * at_once) {
                 float part[std::size_t(at_once)];
-                expanded<at_once>([&](auto k) {
+                repeated<at_once>([&](auto k) {
                     part[k] =
                         s + k * ways < slices ? partial[(s + k * ways) * of_slice + at] : 0.0F;
                 });
-                expanded<at_once>([&](auto k) { sum += static_cast<double>(part[k]); });
+                repeated<at_once>([&](auto k) { sum += static_cast<double>(part[k]); });
             }
             shared.sum[way][t % of_block] = sum;
         });

@@ -254,9 +254,9 @@ struct ImagePlanesKernel {
             const auto pixel = source.pixel(static_cast<int>(j - y * width), static_cast<int>(y));
             Eight x = eight(pixel, first);
             std::uint16_t* const at = to.data + Index(j) * to.padded() + first;
-            expanded<N>([&](auto p) {
+            repeated<N>([&](auto p) {
                 Halves plane;
-                expanded<4>([&](auto k) {
+                repeated<4>([&](auto k) {
                     const std::uint32_t both = Block::pack(x[2 * k], x[2 * k + 1]);
                     plane.pair[k] = both;
                     x[2 * k] = x[2 * k] - Block::low(both);

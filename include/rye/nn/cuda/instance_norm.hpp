@@ -94,11 +94,11 @@ struct StripSumsKernel {
                 const auto zero = static_cast<double>(of.strip[c].mean);
                 for (Index k = begin + t / wide; k < end; k += at_once * ways) {
                     StripMoments own[std::size_t(at_once)];
-                    expanded<at_once>([&](auto i) {
+                    repeated<at_once>([&](auto i) {
                         own[i] = k + i * ways < end ? of.strip[(k + i * ways) * of.channels + c]
                                                     : StripMoments{0, 0, 0, 0};
                     });
-                    expanded<at_once>([&](auto i) { sum.add(own[i], zero); });
+                    repeated<at_once>([&](auto i) { sum.add(own[i], zero); });
                 }
             }
             shared.sum[t / wide][t % wide] = sum;
@@ -208,14 +208,14 @@ struct ChannelCotangentKernel {
             constexpr int at_once = 4;
             for (Index j = begin + part; j < end; j += at_once * parts) {
                 Quad4 a[std::size_t(at_once)], b[std::size_t(at_once)];
-                expanded<at_once>([&](auto i) {
+                repeated<at_once>([&](auto i) {
                     a[i] = b[i] = Quad4{0, 0, 0, 0};
                     if (j + i * parts < end) {
                         a[i] = x[(j + i * parts) * apart];
                         b[i] = gs[(j + i * parts) * apart];
                     }
                 });
-                expanded<at_once>([&](auto i) {
+                repeated<at_once>([&](auto i) {
                     take(0, a[i].x, b[i].x);
                     take(1, a[i].y, b[i].y);
                     take(2, a[i].z, b[i].z);

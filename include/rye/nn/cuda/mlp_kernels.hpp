@@ -241,7 +241,7 @@ struct MlpReverseKernel {
         using U = typename W::U;
         sums.each_word(part, shared.cotangent, w, [&](const U& word, const F& a, const F& b) {
             F low, high;
-            expanded<Tiles::N>([&](auto p) {
+            repeated<Tiles::N>([&](auto p) {
                 const U both = W::read(
                     reinterpret_cast<const std::uint32_t*>(&shared.below.at[p][0][0]), word);
                 low = p == 0 ? W::low(both) : F(low + W::low(both));

@@ -155,11 +155,11 @@ struct MlpBiasKernel {
             float sum = o < own.out ? own.bias[o] : 0.0F;
             for (int f = 0; f < own.frame_inputs && o < own.out; f += at_once) {
                 float weight[std::size_t(at_once)];
-                expanded<at_once>([&](auto k) {
+                repeated<at_once>([&](auto k) {
                     weight[k] =
                         f + k < own.frame_inputs ? own.weight[Index(f + k) * own.out + o] : 0.0F;
                 });
-                expanded<at_once>([&](auto k) {
+                repeated<at_once>([&](auto k) {
                     if (f + k < own.frame_inputs) sum += weight[k] * frame[f + k];
                 });
             }
@@ -224,7 +224,7 @@ struct PlaneRows {
         constexpr int step = 32 * warps, at_once = 4;
         const auto quads = static_cast<std::uint32_t>(padded / 8);
         const std::uint32_t count = rye::min(points - first, std::uint32_t(rows)) * quads;
-        expanded<N>([&](auto plane) {
+        repeated<N>([&](auto plane) {
             auto* const target =
                 reinterpret_cast<Quad4*>(to) + (Index(plane) * points + first) * Index(quads);
             const auto* const source = reinterpret_cast<const Quad4*>(&at[plane][0][0]) + from / 8;
@@ -232,12 +232,12 @@ struct PlaneRows {
             RowsWalk<U> walk(k, quads, step);
             for (std::uint32_t i = 0; i < count; i += at_once * step) {
                 Array<typename W::F, 4> read[std::size_t(at_once)];
-                expanded<at_once>([&](auto j) {
+                repeated<at_once>([&](auto j) {
                     read[j] = W::read4_where(k + U(std::uint32_t(j * step)) < U(count), source,
                                              walk.row * U(std::uint32_t(stride / 8)) + walk.number);
                     walk.advance();
                 });
-                expanded<at_once>([&](auto j) {
+                repeated<at_once>([&](auto j) {
                     const U own = k + U(std::uint32_t(j * step));
                     W::write4_where(own < U(count), target, own, read[j]);
                 });
@@ -253,7 +253,7 @@ struct PlaneRows {
         constexpr int step = 32 * warps;
         const auto quads = static_cast<std::uint32_t>(padded / 8);
         const std::uint32_t count = rye::min(points - first, std::uint32_t(rows)) * quads;
-        expanded<N>([&](auto plane) {
+        repeated<N>([&](auto plane) {
             const auto* const source = reinterpret_cast<const Quad4*>(from) +
                                        (Index(plane) * points + first) * Index(quads);
             auto* const target = reinterpret_cast<Quad4*>(&at[plane][0][0]);
@@ -281,7 +281,7 @@ struct PlaneRows {
     RYE_DEVICE Planes<W, N, 4> left(const typename W::U& place, int down, int columns) const {
         using U = typename W::U;
         Planes<W, N, 4> r;
-        expanded<N>([&](auto p) {
+        repeated<N>([&](auto p) {
             r[p] = W::template tiles<false>(&at[p][0][0],
                                             place + U(static_cast<std::uint32_t>(2 * columns)) +
                                                 U(static_cast<std::uint32_t>(2 * stride * down)));
@@ -299,7 +299,7 @@ struct PlaneRows {
     template <class W>
     RYE_DEVICE Planes<W, N, 4> left_transposed(const typename W::U& place, int m, int k) const {
         Planes<W, N, 4> r;
-        expanded<N>([&](auto p) { r[p] = transposed<W>(place, p, m, k); });
+        repeated<N>([&](auto p) { r[p] = transposed<W>(place, p, m, k); });
         return r;
     }
     /// ... as two right operands of 8 columns.
@@ -311,7 +311,7 @@ struct PlaneRows {
     template <class W>
     RYE_DEVICE Array<Planes<W, N, 2>, 2> right(const typename W::U& place, int n, int k) const {
         Array<Planes<W, N, 2>, 2> r;
-        expanded<N>([&](auto p) {
+        repeated<N>([&](auto p) {
             const auto t = transposed<W>(place, p, n, k);
             r[0][p] = {{t[0], t[1]}};
             r[1][p] = {{t[2], t[3]}};
@@ -364,10 +364,10 @@ struct PlaneRows {
                 }
                 walk.advance();
             });
-            expanded<at_once>([&](auto i) {
-                expanded<some / 2>([&](auto half) {
+            repeated<at_once>([&](auto i) {
+                repeated<some / 2>([&](auto half) {
                     F a = read[i][2 * half], b = read[i][2 * half + 1];
-                    expanded<N>([&](auto p) {
+                    repeated<N>([&](auto p) {
                         const U both = W::pack(a, b);
                         W::write_word_where(own[i], &at[p][0][0], word[i] + U(std::uint32_t(half)),
                                             both);
@@ -384,7 +384,7 @@ struct PlaneRows {
 template <class W, int N>
 RYE_DEVICE Planes<W, N, 2> packed_tile(const std::uint32_t* from) {
     Planes<W, N, 2> r;
-    expanded<N>([&](auto p) { r[p] = W::read_words2(from + p * 64, W::lane()); });
+    repeated<N>([&](auto p) { r[p] = W::read_words2(from + p * 64, W::lane()); });
     return r;
 }
 

@@ -79,8 +79,8 @@ struct MlpSums {
         Tiles::with_part(operand.tiles, [&](auto part) {
             const std::uint32_t* const at = first<decltype(part)>(operand, w);
             const int next = operand.steps > 1 ? operand.tiles * (N * 64) : 0;
-            expanded<2>([&](auto slot) {
-                expanded<part.wide>([&](auto n) {
+            repeated<2>([&](auto slot) {
+                repeated<part.wide>([&](auto n) {
                     right_[slot][n] = packed_tile<W, N>(at + slot * next + n * (N * 64));
                 });
             });
@@ -88,20 +88,20 @@ struct MlpSums {
     }
 
     RYE_DEVICE void clear() {
-        expanded<high>([&](auto m) {
-            expanded<wide>([&](auto n) { expanded<4>([&](auto k) { sum[m][n][k] = F(0.0F); }); });
+        repeated<high>([&](auto m) {
+            repeated<wide>([&](auto n) { repeated<4>([&](auto k) { sum[m][n][k] = F(0.0F); }); });
         });
     }
     /// Sums begin as biases of their columns, of which there are so many.
     template <class Part>
     RYE_DEVICE void begin_with(Part part, const float* bias, int columns, int w) {
         const U end(static_cast<std::uint32_t>(columns / 2));
-        expanded<part.wide>([&](auto n) {
+        repeated<part.wide>([&](auto n) {
             const U pair =
                 U(static_cast<std::uint32_t>(4 * (Part::first_tile(w) + n))) + W::lane() % U(4U);
             const auto b = W::read2_where(pair < end, bias, pair);
-            expanded<part.high>(
-                [&](auto m) { expanded<4>([&](auto k) { sum[m][n][k] = b[k % 2]; }); });
+            repeated<part.high>(
+                [&](auto m) { repeated<4>([&](auto k) { sum[m][n][k] = b[k % 2]; }); });
         });
     }
 
@@ -116,11 +116,11 @@ struct MlpSums {
             first<Part>(operand, w) + 2 * apart; ///< the step that is read next
         const auto step = [&](auto slot, int k) {
             Planes<W, N, 4> left[std::size_t(Part::high)];
-            expanded<part.high>(
+            repeated<part.high>(
                 [&](auto m) { left[m] = rows.template left<W>(place, 16 * m, column(k)); });
             const bool more = k + 2 < steps;
-            expanded<part.wide>([&](auto n) {
-                expanded<part.high>(
+            repeated<part.wide>([&](auto n) {
+                repeated<part.high>(
                     [&](auto m) { multiply<W, N>(sum[m][n], left[m], right_[slot][n]); });
                 if (more) right_[slot][n] = packed_tile<W, N>(at + n * (N * 64));
             });
@@ -141,7 +141,7 @@ struct MlpSums {
         expanded<2 * part.high>([&](auto half) {
             constexpr int m = decltype(half)::value / 2, k = decltype(half)::value % 2 * 2;
             const auto row = of_row(Constant<8 * decltype(half)::value>{});
-            expanded<part.wide>([&](auto n) { f(row, n, sum[m][n][k], sum[m][n][k + 1]); });
+            repeated<part.wide>([&](auto n) { f(row, n, sum[m][n][k], sum[m][n][k + 1]); });
         });
     }
     /// Lane / 4 of the warp's first row, and 2 (lane % 4) of its first column.
@@ -169,7 +169,7 @@ struct MlpSums {
     /// Two numbers as planes at a word of rows.
     template <class Rows>
     RYE_DEVICE static void put(Rows& rows, const U& word, F a, F b) {
-        expanded<N>([&](auto p) {
+        repeated<N>([&](auto p) {
             const U both = W::pack(a, b);
             W::write_word(&rows.at[p][0][0], word, both);
             a = a - W::low(both);

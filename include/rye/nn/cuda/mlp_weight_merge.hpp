@@ -59,9 +59,9 @@ struct MlpMergeKernel {
             float x = 0;
             for (int s = 0; s < used; s += at_once) {
                 float part[std::size_t(at_once)];
-                expanded<at_once>(
+                repeated<at_once>(
                     [&](auto k) { part[k] = s + k < used ? from[(s + k) * apart] : 0.0F; });
-                expanded<at_once>([&](auto k) { x += part[k]; });
+                repeated<at_once>([&](auto k) { x += part[k]; });
             }
             *at += x;
             if (number >= Cut::numbers) to.sum[number - Cut::numbers] = x;

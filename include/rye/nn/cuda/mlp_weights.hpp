@@ -50,7 +50,7 @@ struct MlpWeightKernel {
         block.each_warp([&](int w) {
             sums[w].begin(part(layer, tile, w), w);
             copies[w].begin(*this, layer, tile, {begin, end}, w);
-            expanded<stages - 1>([&](auto i) {
+            repeated<stages - 1>([&](auto i) {
                 if (begin + i * depth < end) copies[w].next(*this, shared.stage[0], i, end);
                 W::end_copies();
             });
@@ -112,9 +112,9 @@ struct MlpWeightKernel {
             own = of;
             left_place = Input::left_transposed_place(W::lane(), w / 4 * tall * 16);
             right_place = Cotangent::right_place(W::lane(), 16 * of.first);
-            expanded<wide>([&](auto n) {
-                expanded<4>([&](auto k) {
-                    expanded<tall>([&](auto m) { sum[m][n][k] = F(0.0F); });
+            repeated<wide>([&](auto n) {
+                repeated<4>([&](auto k) {
+                    repeated<tall>([&](auto m) { sum[m][n][k] = F(0.0F); });
                     of_ones[n / 2][k] = F(0.0F);
                 });
             });
@@ -126,20 +126,20 @@ struct MlpWeightKernel {
             const U moved(static_cast<std::uint32_t>(now) * std::uint32_t(sizeof(Stage)));
             const U left_at = left_place + moved, right_at = right_place + moved;
             Planes<W, N, 4> one;
-            expanded<N>([&](auto p) {
+            repeated<N>([&](auto p) {
                 const U both(p == 0 ? 0x3F803F80U : 0U);
                 one[p] = {{both, both, both, both}};
             });
-            expanded<depth / 16>([&](auto k) {
+            repeated<depth / 16>([&](auto k) {
                 Planes<W, N, 4> left[std::size_t(tall)];
-                expanded<tall>([&](auto m) {
+                repeated<tall>([&](auto m) {
                     if (all || m < own.rows)
                         left[m] = stage.input.template left_transposed<W>(left_at, m, k);
                 });
-                expanded<wide / 2>([&](auto pair) {
+                repeated<wide / 2>([&](auto pair) {
                     if (all || pair < own.pairs) {
                         const auto right = stage.cotangent.template right<W>(right_at, pair, k);
-                        expanded<tall>([&](auto m) {
+                        repeated<tall>([&](auto m) {
                             if (all || m < own.rows) {
                                 multiply<W, N>(sum[m][2 * pair], left[m], right[0]);
                                 multiply<W, N>(sum[m][2 * pair + 1], left[m], right[1]);
@@ -147,8 +147,8 @@ struct MlpWeightKernel {
                         });
                         if constexpr (ones) {
                             Planes<W, N, 2> half;
-                            expanded<N>([&](auto p) {
-                                expanded<2>([&](auto r) {
+                            repeated<N>([&](auto p) {
+                                repeated<2>([&](auto r) {
                                     half[p][r] = w < 4 ? right[0][p][r] : right[1][p][r];
                                 });
                             });
@@ -159,19 +159,19 @@ struct MlpWeightKernel {
             });
         }
         RYE_DEVICE void store(float* to) const {
-            expanded<tall>([&](auto m) {
-                expanded<wide>([&](auto n) {
+            repeated<tall>([&](auto m) {
+                repeated<wide>([&](auto n) {
                     if (m < own.rows && n < 2 * own.pairs)
-                        expanded<4>([&](auto k) {
+                        repeated<4>([&](auto k) {
                             W::write(to + 32 * ((m * wide + n) * 4 + k), W::lane(), sum[m][n][k]);
                         });
                 });
             });
         }
         RYE_DEVICE void store_sums(float* to, int w) const {
-            expanded<wide / 2>([&](auto pair) {
+            repeated<wide / 2>([&](auto pair) {
                 if (pair < own.pairs)
-                    expanded<2>([&](auto k) {
+                    repeated<2>([&](auto k) {
                         const U column =
                             U(static_cast<std::uint32_t>(16 * (own.first + pair) + w / 4 * 8 + k)) +
                             W::lane() % U(4U) * U(2U);

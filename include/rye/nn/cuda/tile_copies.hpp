@@ -47,7 +47,7 @@ RYE_DEVICE void copy_tile(const DeviceImagePlanes& image, const TilePlace& at,
     const U lane = W::lane_here(), group = lane % number(groups);
     U source[std::size_t(steps)], target[std::size_t(steps)];
     typename W::M inside[std::size_t(steps)];
-    expanded<steps>([&](auto i) {
+    repeated<steps>([&](auto i) {
         // Beyond the rectangle, its last pixel once more.
         const U next = number(i * pixels) + lane / number(groups);
         const U x = select(next < number(Shape::wide), next, number(Shape::wide - 1));
@@ -65,7 +65,7 @@ RYE_DEVICE void copy_tile(const DeviceImagePlanes& image, const TilePlace& at,
             (plane * image.pixels() + Index(in_rows ? y : 0) * image.width) * all_groups;
         const auto of_image = number(in_rows ? 1 : 0) > U(0U);
         auto* const quads = reinterpret_cast<Quad4*>(&to.at[0][0]) + row * Shape::wide * groups;
-        expanded<steps>([&](auto i) {
+        repeated<steps>([&](auto i) {
             W::copy4_or_zero(of_image && inside[i], quads, target[i], from, source[i]);
         });
     }

@@ -79,10 +79,10 @@ struct LastLayerLanes {
             : first(U(static_cast<std::uint32_t>(chunk_first)) + W::lane() % U(8U) * U(4U)) {
             const U all(static_cast<std::uint32_t>(layer.below.channels));
             const DeviceNorm& norm = layer.below.norm;
-            expanded<4>([&](auto k) {
+            repeated<4>([&](auto k) {
                 const U c = first + U(std::uint32_t(k));
                 const auto there = c < all;
-                expanded<3>([&](auto r) {
+                repeated<3>([&](auto r) {
                     weight[k][r] =
                         W::read_where(there, layer.weight, c * U(3U) + U(std::uint32_t(r)), 0.0F);
                 });
@@ -106,12 +106,12 @@ struct LastLayerLanes {
                 x = W::read4_where(there && first < U(static_cast<std::uint32_t>(all)),
                                    reinterpret_cast<const Quad4*>(from), at / U(4U));
             else
-                expanded<4>([&](auto k) {
+                repeated<4>([&](auto k) {
                     x[k] = W::read_where(
                         there && first + U(std::uint32_t(k)) < U(static_cast<std::uint32_t>(all)),
                         from, at + U(std::uint32_t(k)), 0.0F);
                 });
-            expanded<4>([&](auto k) {
+            repeated<4>([&](auto k) {
                 if (layer.below.norm.mean != nullptr) x[k] = normalized(x[k], mean[k], gain[k]);
                 x[k] = relu(F(x[k]));
             });
@@ -148,16 +148,16 @@ struct LastLayerKernel : LastLayerLanes {
                 for (F& x : of_turn) x = F(0.0F);
             for (int first = 0; first < layer.below.channels; first += chunk) {
                 const Channels<W> own(layer, first);
-                expanded<turns>([&](auto turn) {
+                repeated<turns>([&](auto turn) {
                     const auto x = own.read(layer, block.index(), pixel<W>(w, turn));
-                    expanded<4>([&](auto k) {
-                        expanded<3>(
+                    repeated<4>([&](auto k) {
+                        repeated<3>(
                             [&](auto r) { z[turn][r] = z[turn][r] + own.weight[k][r] * x[k]; });
                     });
                 });
             }
-            expanded<turns>([&](auto turn) {
-                expanded<3>([&](auto r) {
+            repeated<turns>([&](auto turn) {
+                repeated<3>([&](auto r) {
                     F sum = z[turn][r];
                     sum = sum + W::template across<1>(sum);
                     sum = sum + W::template across<2>(sum);
@@ -222,7 +222,7 @@ struct LastLayerVjpKernel : LastLayerLanes {
                 if (c >= chunk || first + c >= layer.below.channels) return;
                 double sum = 0;
                 for (int w = 0; w < warps; ++w)
-                    expanded<at_once>([&](auto k) {
+                    repeated<at_once>([&](auto k) {
                         sum += static_cast<double>(shared.sum[w][c % 4 * 3 + r][8 * k + c / 4]);
                     });
                 to[3 * (first + c) + r] = sum;
@@ -256,16 +256,16 @@ struct LastLayerVjpKernel : LastLayerLanes {
             static_cast<std::uint32_t>(rye::min(layer.pixels - block * threads, Index(threads))));
         F sum[12];
         for (F& x : sum) x = F(0.0F);
-        expanded<turns>([&](auto turn) {
+        repeated<turns>([&](auto turn) {
             const U pixel_of = pixel<W>(w, turn);
             const auto x = own.read(layer, block, pixel_of);
             F g[3];
-            expanded<3>(
+            repeated<3>(
                 [&](auto r) { g[r] = W::read(shared.g, pixel_of * U(3U) + U(std::uint32_t(r))); });
             Array<F, 4> below;
-            expanded<4>([&](auto k) {
+            repeated<4>([&](auto k) {
                 below[k] = F(0.0F);
-                expanded<3>([&](auto r) {
+                repeated<3>([&](auto r) {
                     below[k] = below[k] + own.weight[k][r] * g[r];
                     sum[3 * k + r] = W::fma(g[r], x[k], sum[3 * k + r]);
                 });
@@ -275,13 +275,13 @@ struct LastLayerVjpKernel : LastLayerLanes {
                 W::write4_where(pixel_of < count && own.first < channels,
                                 reinterpret_cast<Quad4*>(to), at / U(4U), below);
             else
-                expanded<4>([&](auto k) {
+                repeated<4>([&](auto k) {
                     const U c(static_cast<std::uint32_t>(k));
                     W::write_where(pixel_of < count && own.first + c < channels, to, at + c,
                                    below[k]);
                 });
         });
-        expanded<12>([&](auto i) { W::write(&shared.sum[w][i][0], W::lane(), sum[i]); });
+        repeated<12>([&](auto i) { W::write(&shared.sum[w][i][0], W::lane(), sum[i]); });
     }
 };
 

@@ -100,9 +100,9 @@ struct BlendKernel {
             }
         });
         if constexpr (Layout::products)
-            expanded<4>([&](auto m) {
-                expanded<C / 8>(
-                    [&](auto n) { expanded<4>([&](auto k) { s.sums[m][n][k] = F(0.0F); }); });
+            repeated<4>([&](auto m) {
+                repeated<C / 8>(
+                    [&](auto n) { repeated<4>([&](auto k) { s.sums[m][n][k] = F(0.0F); }); });
             });
         s.open = W::any(s.transmittance[0] > F(0.0F));
         s.found = s.done = 0;
@@ -235,11 +235,11 @@ struct BlendKernel {
             const Taken<W> t = rules.take(v, j, s.transmittance[j]);
             s.transmittance[j] = rules.behind(t, s.transmittance[j]);
             if constexpr (A::outputs.depth)
-                expanded<4>([&](auto i) {
+                repeated<4>([&](auto i) {
                     s.depth[j] = W::fma(t.visit[i].weight, v.depth[i], s.depth[j]);
                 });
             if constexpr (A::outputs.contributor)
-                expanded<4>([&](auto i) {
+                repeated<4>([&](auto i) {
                     const auto more = t.visit[i].weight > s.most[j];
                     s.most[j] = select(more, t.visit[i].weight, s.most[j]);
                     s.contributor[j] =
@@ -249,9 +249,9 @@ struct BlendKernel {
         };
         if constexpr (Layout::products) {
             U owner[4];
-            expanded<4>([&](auto i) { owner[i] = W::read(found.owner, first + U(i)); });
+            repeated<4>([&](auto i) { owner[i] = W::read(found.owner, first + U(i)); });
             Planes<W, N, 2> features[std::size_t(C / 8)];
-            expanded<C / 8>(
+            repeated<C / 8>(
                 [&](auto n) { features[n] = features_over_visits<W, N>(scene, owner, n); });
             expanded<4>([&](auto m) {
                 const Taken<W> a = row(Constant<2 * m>{});
@@ -261,23 +261,23 @@ struct BlendKernel {
                 split<W, N>(weights, 1, b.visit[0].weight, b.visit[1].weight);
                 split<W, N>(weights, 2, a.visit[2].weight, a.visit[3].weight);
                 split<W, N>(weights, 3, b.visit[2].weight, b.visit[3].weight);
-                expanded<C / 8>(
+                repeated<C / 8>(
                     [&](auto n) { multiply<W, N>(s.sums[m][n], weights, features[n]); });
             });
         } else {
             Array<F, 4> colour[4];
-            expanded<4>([&](auto i) { colour[i] = W::read4(found.colour, first + U(i)); });
-            expanded<8>([&](auto j) {
+            repeated<4>([&](auto i) { colour[i] = W::read4(found.colour, first + U(i)); });
+            repeated<8>([&](auto j) {
                 const Taken<W> t = row(j);
-                expanded<C>([&](auto c) {
-                    expanded<4>([&](auto i) {
+                repeated<C>([&](auto c) {
+                    repeated<4>([&](auto i) {
                         s.colour[j][c] = W::fma(t.visit[i].weight, colour[i][c], s.colour[j][c]);
                     });
                 });
             });
         }
         auto open = rules.one_visit.open(s.transmittance[0]);
-        expanded<7>([&](auto j) { open = open || rules.one_visit.open(s.transmittance[j + 1]); });
+        repeated<7>([&](auto j) { open = open || rules.one_visit.open(s.transmittance[j + 1]); });
         s.open = W::any(open);
     }
 };

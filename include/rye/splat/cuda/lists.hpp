@@ -290,8 +290,8 @@ struct ScanKernel {
         const std::uint32_t end = rye::min(begin + run, n);
         for (std::uint32_t b = begin; b < end; b += at_once) {
             std::uint32_t x[at_once];
-            expanded<at_once>([&](auto k) { x[k] = b + k < end ? read(b + k) : 0U; });
-            expanded<at_once>([&](auto k) {
+            repeated<at_once>([&](auto k) { x[k] = b + k < end ? read(b + k) : 0U; });
+            repeated<at_once>([&](auto k) {
                 if (b + k < end) f(b + k, x[k]);
             });
         }

@@ -74,31 +74,31 @@ struct MergeKernel {
             block.template of_threads<Array<std::uint32_t, 4 * std::size_t(tile_strips)>>();
         block.each_thread([&](int t) {
             std::uint32_t n = 0;
-            expanded<4>([&](auto e) {
+            repeated<4>([&](auto e) {
                 const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
                 flags[t][e] = place < count ? touched[place] : 0U;
             });
             // All under way together, and while the block counts.
-            expanded<4>([&](auto e) {
+            repeated<4>([&](auto e) {
                 const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
-                expanded<tile_strips>([&](auto s) {
+                repeated<tile_strips>([&](auto s) {
                     slots[t][tile_strips * e + s] =
                         (flags[t][e] >> (8 * s) & 1U) != 0
                             ? memory.slot[(from + place) * tile_strips + s]
                             : 0U;
                 });
             });
-            expanded<4>(
+            repeated<4>(
                 [&](auto e) { n += static_cast<std::uint32_t>(Block::bits_set(flags[t][e])); });
             shared.found[t] = n;
         });
         const std::uint32_t total = block.exclusive_sums(shared.found);
         block.each_thread([&](int t) {
             std::uint32_t at = shared.found[t];
-            expanded<4>([&](auto e) {
+            repeated<4>([&](auto e) {
                 const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
                 shared.before[place] = at;
-                expanded<tile_strips>([&](auto s) {
+                repeated<tile_strips>([&](auto s) {
                     if ((flags[t][e] >> (8 * s) & 1U) != 0)
                         shared.slot[at++] = slots[t][tile_strips * e + s];
                 });
@@ -122,12 +122,12 @@ struct MergeKernel {
         constexpr int at_once = 4;
         for (std::uint32_t k = shared.before[begin - at]; k < last; k += at_once) {
             Quad4 p[at_once];
-            expanded<at_once>([&](auto e) {
+            repeated<at_once>([&](auto e) {
                 p[e] = k + e < last ? partial[std::size_t(shared.slot[k + e]) * quads +
                                               static_cast<std::size_t>(quad)]
                                     : Quad4{0, 0, 0, 0};
             });
-            expanded<at_once>([&](auto e) {
+            repeated<at_once>([&](auto e) {
                 sum.x += p[e].x;
                 sum.y += p[e].y;
                 sum.z += p[e].z;

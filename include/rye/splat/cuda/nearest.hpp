@@ -140,7 +140,7 @@ struct NearestFirst {
         block.each_warp([&](int w) {
             auto& key = own[w].key;
             const U at = U(static_cast<std::uint32_t>(32 * w)) + W::lane();
-            expanded<K>([&](auto k) {
+            repeated<K>([&](auto k) {
                 const U i = at + U(128 * k);
                 key[k] = W::read64_where(i < U(count), source, i, ~std::uint64_t(0));
             });
@@ -154,12 +154,12 @@ struct NearestFirst {
                     return U(static_cast<std::uint32_t>(128 * k + 32 * w)) + W::lane();
                 };
                 block.each_warp([&](int w) {
-                    expanded<K>([&](auto k) { W::write(shared.key, place(w, k), own[w].key[k]); });
+                    repeated<K>([&](auto k) { W::write(shared.key, place(w, k), own[w].key[k]); });
                 });
                 block.each_warp([&](int w) {
                     const int warps = static_cast<int>(apart / (32 * K));
                     const bool up = (static_cast<std::uint32_t>(32 * K * w) & run) == 0;
-                    expanded<K>([&](auto k) {
+                    repeated<K>([&](auto k) {
                         const auto other =
                             W::read64_where(W::lane() < U(32), shared.key, place(w ^ warps, k), 0);
                         keep<W>(own[w].key[k], other, typename W::M(((w & warps) == 0) == up));
@@ -168,7 +168,7 @@ struct NearestFirst {
                 });
             }
         block.each_warp([&](int w) {
-            expanded<K>([&](auto k) {
+            repeated<K>([&](auto k) {
                 W::write(shared.key,
                          (U(static_cast<std::uint32_t>(32 * w)) + W::lane()) * U(K) + U(k),
                          own[w].key[k]);
@@ -221,7 +221,7 @@ struct NearestFirst {
         for (; apart >= static_cast<std::uint32_t>(K); apart /= 2) {
             const std::uint32_t lanes = apart / static_cast<std::uint32_t>(K);
             const auto least = ((W::lane() & U(lanes)) == U(0)) == up;
-            expanded<K>([&](auto k) {
+            repeated<K>([&](auto k) {
                 keep<W>(key[k], W::across(key[k], static_cast<int>(lanes)), least);
             });
         }

@@ -29,7 +29,7 @@ RYE_DEVICE Planes<W, N, 2> features_over_visits(const DeviceScene& scene,
     const U stride(static_cast<std::uint32_t>(scene.feature.rows));
     const float* const from = scene.feature.data + scene.first_channel;
     F x[4];
-    expanded<4>([&](auto i) {
+    repeated<4>([&](auto i) {
         x[i] =
             W::read_where(drawn && owner[i] < U(none_of), from, owner[i] * stride + channel, 0.0F);
     });
@@ -46,7 +46,7 @@ RYE_DEVICE Planes<W, N, 2> features_over_channels(const float* rows, int stride,
                                                   const typename W::U& row, int sixteen) {
     using U = typename W::U;
     Planes<W, N, 2> r;
-    expanded<2>([&](auto k) {
+    repeated<2>([&](auto k) {
         const auto two = W::read2(rows, row * U(static_cast<std::uint32_t>(stride / 2)) +
                                             U(static_cast<std::uint32_t>(8 * sixteen + 4 * k)) +
                                             W::lane() % U(4));

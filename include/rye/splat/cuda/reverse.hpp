@@ -111,7 +111,7 @@ struct ReverseKernel {
                            scene.feature.rows % 4 == 0 &&
                            reinterpret_cast<std::uintptr_t>(from) % 16 == 0;
         if (quads) {
-            expanded<Layout::padded / 8>([&](auto k) {
+            repeated<Layout::padded / 8>([&](auto k) {
                 const U quad = half + U(2 * k);
                 const auto drawn = quad * U(4) < U(static_cast<std::uint32_t>(scene.channels));
                 const U at = visit * U(of_visit / 4) + quad;
@@ -157,15 +157,15 @@ struct ReverseKernel {
             }
             W::sync();
             const auto background = over_channels<W>(row, U(0), U(0));
-            expanded<4>([&](auto m) {
+            repeated<4>([&](auto m) {
                 const auto product = along<W>(shared, m, background);
                 s.behind[2 * m] = product[0][0];
                 s.behind[2 * m + 1] = product[0][2];
             });
         } else {
-            expanded<8>([&](auto j) {
+            repeated<8>([&](auto j) {
                 Array<F, 4> background;
-                expanded<C>([&](auto c) {
+                repeated<C>([&](auto c) {
                     s.colour[j][c] = c < scene.channels
                                          ? of(image.feature, j, int(scene.first_channel) + c)
                                          : F(0.0F);
@@ -175,7 +175,7 @@ struct ReverseKernel {
             });
         }
         if constexpr (extra)
-            expanded<8>([&](auto j) {
+            repeated<8>([&](auto j) {
                 s.alpha[j] = scene.first_channel == 0 ? of(image.alpha, j, 0) : F(0.0F);
                 s.depth[j] = scene.first_channel == 0 ? of(image.depth, j, 0) : F(0.0F);
             });
@@ -198,7 +198,7 @@ struct ReverseKernel {
             F a = W::read_where(inside && channel < U(drawn), image.feature.data, from, 0.0F);
             F b = W::read_where(inside && channel + U(1) < U(drawn), image.feature.data,
                                 from + U(1), 0.0F);
-            expanded<N>([&](auto p) {
+            repeated<N>([&](auto p) {
                 const U word = W::pack(a, b);
                 W::write_word(&shared.cotangent[p][0][0], pixel * U(of_pixel / 2) + flat % U(pairs),
                               word);
@@ -218,7 +218,7 @@ struct ReverseKernel {
     RYE_DEVICE static OverChannels<W> over_channels(const float* rows, const typename W::U& first,
                                                     const typename W::U& second) {
         OverChannels<W> r;
-        expanded<steps>([&](auto c) {
+        repeated<steps>([&](auto c) {
             r[0][c] = features_over_channels<W, N>(rows, of_visit, first, c);
             r[1][c] = features_over_channels<W, N>(rows, of_visit, second, c);
         });
@@ -231,13 +231,13 @@ struct ReverseKernel {
                                                        const OverChannels<W>& features) const {
         using F = typename W::F;
         Array<Array<F, 4>, 2> s;
-        expanded<2>([&](auto n) { expanded<4>([&](auto k) { s[n][k] = F(0.0F); }); });
-        expanded<steps>([&](auto c) {
+        repeated<2>([&](auto n) { repeated<4>([&](auto k) { s[n][k] = F(0.0F); }); });
+        repeated<steps>([&](auto c) {
             Planes<W, N, 4> pixels;
-            expanded<N>([&](auto p) {
+            repeated<N>([&](auto p) {
                 pixels[p] = W::template tiles<false>(&shared.cotangent[p][0][0], tile_of<W>(m, c));
             });
-            expanded<2>([&](auto n) { multiply<W, N>(s[n], pixels, features[n][c]); });
+            repeated<2>([&](auto n) { multiply<W, N>(s[n], pixels, features[n][c]); });
         });
         return s;
     }
@@ -280,7 +280,7 @@ struct ReverseKernel {
             const OverChannels<W> features = over_channels<W>(ahead.feature, visit_at<W>(position),
                                                               visit_at<W>(position + U(8)));
             Array<F, 4> colour[std::size_t(C / 8)];
-            expanded<C / 8>([&](auto n) { expanded<4>([&](auto k) { colour[n][k] = F(0.0F); }); });
+            repeated<C / 8>([&](auto n) { repeated<4>([&](auto k) { colour[n][k] = F(0.0F); }); });
             expanded<4>([&](auto m) {
                 const auto product = along<W>(shared, m, features);
                 const auto one = [&](auto odd) {
@@ -296,12 +296,12 @@ struct ReverseKernel {
                 split<W, N>(weights, 1, a.visit[2].weight, a.visit[3].weight);
                 split<W, N>(weights, 2, b.visit[0].weight, b.visit[1].weight);
                 split<W, N>(weights, 3, b.visit[2].weight, b.visit[3].weight);
-                expanded<N>([&](auto p) {
-                    expanded<4>([&](auto k) { weights[p][k] = W::transpose(weights[p][k]); });
+                repeated<N>([&](auto p) {
+                    repeated<4>([&](auto k) { weights[p][k] = W::transpose(weights[p][k]); });
                 });
                 expanded<(C + 15) / 16>([&](auto c) {
                     Planes<W, N, 2> left, right;
-                    expanded<N>([&](auto p) {
+                    repeated<N>([&](auto p) {
                         const auto t =
                             W::template tiles<true>(&shared.cotangent[p][0][0], tile_of<W>(m, c));
                         left[p] = {{t[0], t[1]}};
@@ -314,19 +314,19 @@ struct ReverseKernel {
             });
             const U at = visit_at<W>(position) * U(Layout::stride) + U(Layout::head) +
                          W::lane() % U(4) * U(2);
-            expanded<C / 8>([&](auto n) {
+            repeated<C / 8>([&](auto n) {
                 W::write2(partial, (at + U(8 * n)) / U(2), colour[n][0], colour[n][1]);
                 W::write2(partial, (at + U(8 * n + 2 * Layout::stride)) / U(2), colour[n][2],
                           colour[n][3]);
             });
         } else {
             Array<F, 4> colour[4];
-            expanded<4>([&](auto i) {
+            repeated<4>([&](auto i) {
                 colour[i] = W::read4(reinterpret_cast<const Quad4*>(ahead.feature), first + U(i));
             });
             expanded<8>([&](auto j) {
                 Array<F, 4> of_row;
-                expanded<4>(
+                repeated<4>(
                     [&](auto i) { of_row[i] = Step::template along<W>(s.colour[j], colour[i]); });
                 Step::template one_row<W>(s, sum, v, rules, j, before(j), of_row);
             });

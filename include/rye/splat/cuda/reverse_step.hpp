@@ -28,7 +28,7 @@ struct ReverseStep {
     template <class W, class F>
     RYE_DEVICE static F along(const F (&cotangent)[std::size_t(C)], const Array<F, 4>& colour) {
         F s = cotangent[0] * colour[0];
-        expanded<C - 1>([&](auto c) { s = W::fma(cotangent[c + 1], colour[c + 1], s); });
+        repeated<C - 1>([&](auto c) { s = W::fma(cotangent[c + 1], colour[c + 1], s); });
         return s;
     }
     /// Sums over the pixels of each of a lane's visits.
@@ -45,7 +45,7 @@ struct ReverseStep {
                 if constexpr (A::has_floor) alpha[i] = F(0.0F);
                 if constexpr (extra) depth[i] = F(0.0F);
                 if constexpr (!Layout::products)
-                    expanded<C>([&](auto c) { colour[i][c] = F(0.0F); });
+                    repeated<C>([&](auto c) { colour[i][c] = F(0.0F); });
             });
         }
     };
@@ -94,7 +94,7 @@ struct ReverseStep {
             [[maybe_unused]] const F& weight = t.visit[i].weight;
             if constexpr (extra) sum.depth[i] = W::fma(weight, s.depth[j], sum.depth[i]);
             if constexpr (!Layout::products)
-                expanded<C>([&](auto c) {
+                repeated<C>([&](auto c) {
                     sum.colour[i][c] = W::fma(weight, s.colour[j][c], sum.colour[i][c]);
                 });
         });
@@ -111,7 +111,7 @@ struct ReverseStep {
         constexpr int count = 4 * sums;
         static_assert(count % 8 == 0);
         F x[std::size_t(count)];
-        expanded<count>([&](auto k) { x[k] = F(0.0F); });
+        repeated<count>([&](auto k) { x[k] = F(0.0F); });
         expanded<4>([&](auto i) {
             F* const to = x + i * sums;
             const F gv = W::fma(v.v[i], sum.one[i], v.vy[i] * sum.y[i]);
@@ -130,12 +130,12 @@ struct ReverseStep {
             else
                 to[6] = F(0.0F);
             if constexpr (!Layout::products)
-                expanded<C>([&](auto c) { to[7 + c] = sum.colour[i][c]; });
+                repeated<C>([&](auto c) { to[7 + c] = sum.colour[i][c]; });
         });
         halve<W, 16, count>(x);
         halve<W, 8, count / 2>(x);
         halve<W, 4, count / 4>(x);
-        expanded<count / 8>([&](auto k) {
+        repeated<count / 8>([&](auto k) {
             const U flat = W::lane() / U(4) * U(count / 8) + U(k);
             const U at =
                 (W::lane() % U(4) * U(4) + flat / U(sums)) * U(Layout::stride) + flat % U(sums);
@@ -146,7 +146,7 @@ struct ReverseStep {
     RYE_DEVICE static void halve(F* x) {
         using U = typename W::U;
         const auto upper = (W::lane() & U(apart)) > U(0);
-        expanded<n / 2>([&](auto k) {
+        repeated<n / 2>([&](auto k) {
             const F keep = select(upper, x[k + n / 2], x[k]);
             const F give = select(upper, x[k], x[k + n / 2]);
             x[k] = keep + W::template across<apart>(give);

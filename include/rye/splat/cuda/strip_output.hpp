@@ -38,7 +38,7 @@ struct StripOutput {
         using F = typename W::F;
         using U = typename W::U;
         const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
-        expanded<8>(
+        repeated<8>(
             [&](auto j) { s.transmittance[j] = W::max(s.transmittance[j], -s.transmittance[j]); });
         const U q = W::lane() % U(4);
         const U row[2] = {q * U(2), q * U(2) + U(1)};
@@ -48,7 +48,7 @@ struct StripOutput {
         };
         const auto put = [&](const F(&x)[8], float* to, std::uint32_t stride, std::uint32_t at) {
             const auto own = own_rows<W>(x);
-            expanded<2>([&](auto k) {
+            repeated<2>([&](auto k) {
                 W::write_where(pixels.inside(row[k]), to, pixels.pixel(row[k]) * U(stride) + U(at),
                                own[k]);
             });
@@ -58,8 +58,8 @@ struct StripOutput {
         if constexpr (Layout::products) {
             const bool pairs = scene.channels == C && stride % 2 == 0 && from % 2 == 0 &&
                                reinterpret_cast<std::uintptr_t>(images.feature.data) % 8 == 0;
-            expanded<4>([&](auto m) {
-                expanded<C / 8>([&](auto n) {
+            repeated<4>([&](auto m) {
+                repeated<C / 8>([&](auto n) {
                     const U c = q * U(2) + U(8 * n);
                     const auto of = [&](const U& channel) {
                         return W::read_where(
@@ -67,7 +67,7 @@ struct StripOutput {
                             scene.background + from, channel, 0.0F);
                     };
                     const F left = of(c), right = of(c + U(1));
-                    expanded<2>([&](auto k) {
+                    repeated<2>([&](auto k) {
                         const F end = s.transmittance[2 * m + k];
                         const F a = W::fma(end, left, s.sums[m][n][2 * k]);
                         const F b = W::fma(end, right, s.sums[m][n][2 * k + 1]);
@@ -85,9 +85,9 @@ struct StripOutput {
                 });
             });
         } else {
-            expanded<C>([&](auto c) {
+            repeated<C>([&](auto c) {
                 F x[8];
-                expanded<8>([&](auto j) {
+                repeated<8>([&](auto j) {
                     x[j] =
                         W::fma(s.transmittance[j], F(scene.background_of(c)), quad(s.colour[j][c]));
                 });
@@ -96,10 +96,10 @@ struct StripOutput {
         }
         if (scene.first_channel != 0) return;
         F x[8];
-        expanded<8>([&](auto j) { x[j] = F(1.0F) - s.transmittance[j]; });
+        repeated<8>([&](auto j) { x[j] = F(1.0F) - s.transmittance[j]; });
         put(x, images.alpha.data, 1, 0);
         if constexpr (A::outputs.depth) {
-            expanded<8>([&](auto j) { x[j] = quad(s.depth[j]); });
+            repeated<8>([&](auto j) { x[j] = quad(s.depth[j]); });
             if (images.depth.data != nullptr) put(x, images.depth.data, 1, 0);
         }
         if constexpr (A::outputs.contributor) contributors<W>(s, pixels, begin);
@@ -118,7 +118,7 @@ struct StripOutput {
             most = select(take, other, most);
             who = select(take, other_who, who);
         };
-        expanded<8>([&](auto j) {
+        repeated<8>([&](auto j) {
             better(s.most[j], s.contributor[j], W::template across<1>(s.most[j]),
                    W::template across<1>(s.contributor[j]));
             better(s.most[j], s.contributor[j], W::template across<2>(s.most[j]),
@@ -126,7 +126,7 @@ struct StripOutput {
         });
         const auto own = own_rows<W>(s.contributor);
         if (images.contributor.data == nullptr) return;
-        expanded<2>([&](auto k) {
+        repeated<2>([&](auto k) {
             const U row = W::lane() % U(4) * U(2) + U(k);
             const auto has = own[k] < U(no_contributor);
             const U at = select(has, own[k] + U(begin), U(0));

@@ -109,16 +109,16 @@ struct WarpBlend {
     RYE_DEVICE Taken<W> take(const Visits<W, A>& v, int row, const F& t) const {
         Taken<W> r;
         Coverage<F> given[4];
-        expanded<4>([&](auto i) {
+        repeated<4>([&](auto i) {
             given[i] = one_visit.coverage(v.exponent(i, row), v.cut(i, least), v.floor_of(i));
         });
         const F one(1.0F);
         r.product = one - given[0].alpha;
-        expanded<3>([&](auto i) { r.product = r.product * (one - given[i + 1].alpha); });
+        repeated<3>([&](auto i) { r.product = r.product * (one - given[i + 1].alpha); });
         const F near = W::template quad_up<1>(r.product, 1.0F);
         const F nearer = near * W::template quad_up<1>(near, 1.0F);
         r.behind = t * (nearer * W::template quad_up<2>(near, 1.0F));
-        expanded<4>([&](auto i) { r.visit[i] = one_visit.take(given[i], r.behind); });
+        repeated<4>([&](auto i) { r.visit[i] = one_visit.take(given[i], r.behind); });
         return r;
     }
 
