@@ -18,7 +18,7 @@ step "Build the program rye" cmake --build "$build" --parallel "$jobs"
 
 rm -rf "$out/capture" "$out/run"
 mkdir -p "$out"
-step "Make a capture" "$rye" capture --out "$out/capture"
+step "Make a capture" "$rye" capture --out "$out/capture" --cameras 9
 step "Train an avatar" "$rye" train --capture "$out/capture" --out "$out/run" --preset tiny
 step "Render a sweep of gazes" "$rye" redirect --run "$out/run" --sweep --out "$out/sweep.png"
 step "Evaluate the frames kept aside" \

@@ -59,6 +59,7 @@ int main() {
         if (step % 100 == 0) std::printf("step %3d: %.2f dB\n", step, psnr);
 
         Gaussians<float> gradient = rasterizer.vjp(B{}, g, camera, grey, raster, error);
+        gradient.mean.row(2).setZero();                             // no two exchange their depths
         gradient.scale.array() *= g.scale.array();                  // d exp(x) = exp(x) dx
         gradient.opacity.array() *= g.opacity.array() * (1 - g.opacity.array());
         adam_step(B{}, raw, gradient, adam, [](const std::string&) { return 0.02; });

@@ -123,8 +123,8 @@ HTML_OUTPUT            = $out
 HTML_EXTRA_STYLESHEET  = $here/style.css
 LAYOUT_FILE            = $work/layout.xml
 WARN_IF_UNDOCUMENTED   = NO
-# The first lines of a header are its description.
-FILTER_PATTERNS        = "*.hpp=sed -e '1s|.*|/// @file|' -e '2s|^/// [^ ]*: *\(.\)|/// \u\1|'"
+# The first lines of a header are its description; pages that a comment names are links.
+FILTER_PATTERNS        = "*.hpp=sed -E -f $here/header.sed"
 SOURCE_BROWSER         = NO
 VERBATIM_HEADERS       = NO
 SEARCHENGINE           = YES

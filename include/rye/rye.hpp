@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rye.hpp: every header of rye, for programs that use most of it. Including single headers
-/// compiles faster; see docs/architecture.md for what is where.
+/// compiles faster; see docs/architecture.md for what is where. A part of one's own takes
+/// rye/rig/parts.hpp, train/initialize.hpp, train/capture_subject.hpp, train/avatar_trainer.hpp,
+/// capture/read_capture.hpp, capture/png.hpp, avatar/hold.hpp and backend/lanes.hpp.
 #pragma once
 
 #include <rye/autodiff/check.hpp>

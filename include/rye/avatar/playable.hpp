@@ -35,8 +35,9 @@ struct PlayableAvatar {
     LandmarkRoles roles;
     TrainedAvatar<T> avatar;
     std::vector<std::string> expression_names; ///< E, or empty
-    /// The frame that the avatar is first shown at. Its gazes, and those of `ranges`, are visual
-    /// axes if the avatar has a kappa, else optical ones.
+    /// The frame that the avatar is first shown at, with that frame's gazes: gaze_vector(0, 0)
+    /// looks ahead. They, and those of `ranges`, are visual axes if the avatar has a kappa, else
+    /// optical ones.
     Drivers<T> neutral;
     DriverRanges<T> ranges;
     Pinhole<T> camera;  ///< of the picture after super-resolution

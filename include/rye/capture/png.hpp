@@ -165,10 +165,12 @@ inline Image8 parse_png(ByteSpan file, const std::string& who,
 struct PngFiles {
     std::uint64_t memory = default_memory;  ///< limit of one picture [bytes]
 
+    /// Returns size and channels, of the file's beginning.
     ImageHeader header(const std::filesystem::path& path) const {
         const std::string who = path.string();
         return detail::PngChunks(read_beginning(path, 64), who, true).header;
     }
+    /// Returns the picture in 1 or 3 channels, or with 0 in the file's; `to_float(...)` has 0..1.
     Image8 read(const std::filesystem::path& path, int channels) const {
         return with_channels(parse_png(read_file(path), path.string(), memory), channels);
     }

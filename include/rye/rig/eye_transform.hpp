@@ -19,6 +19,11 @@ template <Scalar T>
 struct HeadPlacement {
     Rigid<T> world_from_head = {};
     T scale = T(1);
+
+    /// Returns a point of the head's frame in the world.
+    RYE_HD Vec3<T> apply(const Vec3<T>& head) const {
+        return world_from_head.apply(Vec3<T>(scale * head));
+    }
 };
 
 /// Inputs of one eye in one frame, in the head's canonical frame.

@@ -128,7 +128,8 @@ using EyeballShape = BasicEyeballShape<PaperEffects>;
 /// Part of the eyeball that a point lies on.
 enum class EyeLabel : std::uint8_t { pupil, iris, sclera, back };
 
-/// P points on the surface of an eyeball in its own frame.
+/// P points on the surface of an eyeball in its own frame. An avatar reads points, spacing and
+/// normals; the others are for drawing it as a mesh and for gaze_from_mesh, and may be empty.
 template <Real T>
 struct EyeballTemplate {
     Columns<T> points;                         ///< 3 x P [unit]
@@ -284,6 +285,7 @@ EyeballTemplate<T> eyeball_template(const BasicEyeballShape<E>& shape) {
 }
 
 /// A shape from which eyeball_template<T>, in rye or in the shape's own namespace, makes points.
+/// AvatarInit::eyeball then holds two of them, for example MyEyeball{subject.eye_radius[e]}.
 template <class S>
 concept EyeballSource = requires(const S& shape) {
     { eyeball_template<float>(shape) } -> std::same_as<EyeballTemplate<float>>;

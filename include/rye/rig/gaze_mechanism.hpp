@@ -41,7 +41,8 @@ struct ExplicitRotation {
     static Quat<T> turn(const P&, std::size_t, const Vec3<T>& gaze) {
         return shortest_arc(Vec3<T>(T(0), T(0), T(1)), gaze);
     }
-    /// Accumulates the parameters' gradient; returns the gaze's cotangent.
+    /// Accumulates the parameters' gradient; returns the gaze's cotangent. `g_turn` is that of the
+    /// four numbers (w, x, y, z). A dual with a number for each input, as here, spares deriving.
     template <class P, class T>
     static Vec3<T> turn_vjp(const P&, std::size_t, const Vec3<T>& gaze, const Quat<T>& g_turn, P&) {
         using D = Dual<T, 3>;

@@ -20,8 +20,8 @@
 
 namespace rye {
 
-/// Weight that is 1 up to `near` and 0 from `far` on; near == far is a step. Requires finite 0 <=
-/// near <= far; see checked_ramp.
+/// Thresholds of an influence. rye's metrics are 1 up to `near` and 0 from `far` on; near == far is
+/// a step. Requires finite 0 <= near <= far; see checked_ramp.
 template <Scalar T>
 struct Ramp {
     T near, far;  ///< thresholds, in the unit of the metric
@@ -79,7 +79,10 @@ struct EuclideanDistance {
     }
 };
 
-/// value(ramp, d^2) is a weight in [0, 1], not increasing in d^2; slope is its derivative.
+/// value(ramp, d^2) is a weight in [0, 1], not increasing in d^2, which need not reach 0 at `far`;
+/// slope is its derivative. d is the distance to the nearest landmark [canonical units]; the ramp
+/// has exp_near and exp_far, or gaze_near and gaze_far, of AvatarConfig as they are. T is float,
+/// double or a dual.
 template <class M>
 concept InfluenceMetric = std::default_initializable<M> &&
                           requires(const M m, const Ramp<float> r, const float x) {

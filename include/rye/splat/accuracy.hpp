@@ -55,10 +55,12 @@ struct Balanced {
     static constexpr int depth_bits = 32;
     static constexpr bool has_floor = false;
     static constexpr Outputs outputs = {};
-    static constexpr int exp2_degree = 5;   ///< polynomial in lanes; 0 is the library's exp2
+    /// Degree of the polynomial in lanes, 3 to 6; 0 is the library's exp2.
+    static constexpr int exp2_degree = 5;
 };
 
 /// Errors below 1e-11 (in double), against an image of every Gaussian at every pixel in double.
+/// Sets alpha_min = 1e-15, alpha_max = 1, stop = 1e-14, and the library's exp2.
 struct Exact64 : Balanced {
     RYE_HD constexpr Exact64() {
         alpha_min = 1e-15;
@@ -68,7 +70,8 @@ struct Exact64 : Balanced {
     static constexpr int exp2_degree = 0;
 };
 
-/// Errors below 5e-5: only float's rounding is left.
+/// Errors below 5e-5: only float's rounding is left. Sets alpha_min = 1e-9, alpha_max = 1, stop =
+/// 1e-8, exp2_degree = 6.
 struct Exact32 : Balanced {
     RYE_HD constexpr Exact32() {
         alpha_min = 1e-9;
@@ -78,7 +81,7 @@ struct Exact32 : Balanced {
     static constexpr int exp2_degree = 6;
 };
 
-/// Errors below 1e-3.
+/// Errors below 1e-3. Sets alpha_min = 1 / 25500, alpha_max = 1, stop = 1e-6.
 struct Tight : Balanced {
     RYE_HD constexpr Tight() {
         alpha_min = 1.0 / 25500.0;
@@ -87,7 +90,8 @@ struct Tight : Balanced {
     }
 };
 
-/// Errors of several 8-bit steps, at the speed of a preview.
+/// Errors of several 8-bit steps, at the speed of a preview. Sets alpha_min = 1 / 255, stop = 1e-4,
+/// exp2_degree = 4.
 struct Fast : Balanced {
     RYE_HD constexpr Fast() {
         alpha_min = 1.0 / 255.0;
@@ -97,7 +101,8 @@ struct Fast : Balanced {
 };
 
 /// The rules of the first 3DGS implementation (Kerbl et al., 2023), which viewers share. Some
-/// viewers use has_floor with alpha_floor = exp(-4.5): see Compatible3dgsFloor.
+/// viewers use has_floor with alpha_floor = exp(-4.5): see Compatible3dgsFloor. Sets alpha_min =
+/// 1 / 255, alpha_max = 0.99, stop = 1e-4, exp2_degree = 6.
 struct Compatible3dgs : Balanced {
     RYE_HD constexpr Compatible3dgs() {
         alpha_min = 1.0 / 255.0;
@@ -116,7 +121,9 @@ struct Compatible3dgsFloor : Compatible3dgs {
 };
 
 /// Has every member of Balanced. A policy of one's own derives from Balanced and states only what
-/// differs. Rules are constants of the class. The compiler names the first member that is missing.
+/// differs: numbers in its constructor, rules as constants of the class. Numbers can be set on a
+/// value too, as `Rasterizer<Draft> r; r.accuracy.stop = 0`. The compiler names the first member
+/// that is missing.
 template <class A>
 concept AccuracyPolicy = std::copyable<A> && std::default_initializable<A> && requires(const A a) {
     { a.alpha_min } -> std::convertible_to<double>;
@@ -150,7 +157,7 @@ concept AccuracyPolicy = std::copyable<A> && std::default_initializable<A> && re
     typename std::integral_constant<Outputs, A::outputs>;
 } && requires {
     typename std::integral_constant<int, A::exp2_degree>;
-};
+} && (A::exp2_degree == 0 || (A::exp2_degree >= 3 && A::exp2_degree <= 6));
 
 /// Returns the variance that is added along both axes of the screen [px^2].
 template <AccuracyPolicy A>

@@ -84,6 +84,8 @@ struct AvatarRates {
     double shading = 1e-3;      ///< for avatars with HeadShading: light and normals
     double deform = 1e-4;       ///< displacement networks of the face
 
+    /// Returns the rate of a parameter, by its name in fields(). What no name here fits, such as a
+    /// parameter of a part of one's own, has `networks`.
     double operator()(const std::string& name) const {
         if (name.starts_with("upsampler.")) return upsampler;
         if (name == "delta_poses") return delta_pose;

@@ -39,8 +39,8 @@ RYE_DEVICE inline void expanded(F&& f) {
     detail::unroll(f, std::make_integer_sequence<int, n>());
 }
 
-/// Calls f(0) ... f(n - 1). On a device as `expanded`; on the host a loop, so that f, whose argument
-/// is then an int, is compiled once.
+/// Calls f(0) ... f(n - 1). On a device as `expanded`; on the host a loop, so that f, whose
+/// argument is then an int, is compiled once.
 template <int n, class F>
 RYE_DEVICE inline void repeated(F&& f) {
 #if defined(__CUDACC__)
