@@ -5,8 +5,8 @@
 /// commit() the target is unchanged and the temporary file is removed. Durability survives a power
 /// cut and costs milliseconds; a file that can be regenerated need only be atomic.
 ///
-/// A killed process leaves its temporary file. A writer holds its own (held_file.hpp) until the
-/// process ends; the next writer of the same target removes those that nobody holds. On a POSIX
+/// A killed process leaves its temporary file. A writer holds its own (core/held_file.hpp) while
+/// the process runs; the next writer of the same target removes those that nobody holds. On a POSIX
 /// file system without locks they stay.
 ///
 /// A pipe or a character device (/dev/null, /dev/stdout) cannot be replaced: it is written in place
@@ -20,8 +20,8 @@
 #include <system_error>
 
 #include <rye/capture/bytes.hpp>
-#include <rye/capture/held_file.hpp>
 #include <rye/core/error.hpp>
+#include <rye/core/held_file.hpp>
 
 namespace rye {
 

@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/held_file.hpp: file under a temporary name that its writer holds until the process
-/// ends: POSIX locks it (flock), Windows refuses others who would write to it. Of AtomicFile, the
-/// part that differs between systems. Functions that return false set errno.
+/// rye/core/held_file.hpp: file under a temporary name that its writer holds while the process
+/// runs: POSIX locks it (flock), Windows refuses others who would write to it. What differs between
+/// systems in AtomicFile. Functions that return false set errno.
 #pragma once
 
 #include <algorithm>
 #include <cerrno>
+#include <cstddef>
+#include <cstdint>
 #include <filesystem>
-#include <string>
+#include <span>
 #include <utility>
 
 #include <fcntl.h>
@@ -19,8 +21,6 @@ struct _SECURITY_ATTRIBUTES;
 #include <sys/stat.h>
 #include <unistd.h>
 #endif
-
-#include <rye/capture/bytes.hpp>
 
 namespace rye::detail {
 
@@ -52,7 +52,8 @@ public:
 
     /// Opens a pipe or a device, to write in place.
     bool open_in_place(const std::filesystem::path& path);
-    /// Creates and holds a new file; taken: there is one of that name, or another writer removed it.
+    /// Creates and holds a new file; taken: there is one of that name, or another writer removed
+    /// it.
     Creation create(const std::filesystem::path& name);
     /// Removes a file that no running process holds; returns whether there is something of that
     /// name, or was.
@@ -61,7 +62,7 @@ public:
     static void remove(const std::filesystem::path& name);
     /// Gives it permissions, where the system has them for a file.
     bool permit(std::filesystem::perms permissions);
-    bool write(ByteSpan bytes);
+    bool write(std::span<const std::byte> bytes);
     bool make_durable();
     /// Reports what a close would report, and keeps the file held.
     bool check_close();
@@ -111,7 +112,7 @@ inline void HeldFile::remove(const std::filesystem::path& name) { ::unlink(name.
 inline bool HeldFile::permit(std::filesystem::perms permissions) {
     return ::fchmod(descriptor_, static_cast<::mode_t>(permissions) & 07777U) == 0;
 }
-inline bool HeldFile::write(ByteSpan bytes) {
+inline bool HeldFile::write(std::span<const std::byte> bytes) {
     while (!bytes.empty()) {
         const ::ssize_t n = ::write(descriptor_, bytes.data(), bytes.size());
         if (n < 0 && errno == EINTR) continue;
@@ -170,7 +171,8 @@ inline bool HeldFile::open_in_place(const std::filesystem::path& path) {
 /// Opens a file by the system's numbers; returns null if it refuses.
 inline void* open_handle(const std::filesystem::path& name, unsigned long access,
                          unsigned long others, unsigned long creation, unsigned long flags) {
-    void* const handle = CreateFileW(name.c_str(), access, others, nullptr, creation, flags, nullptr);
+    void* const handle =
+        CreateFileW(name.c_str(), access, others, nullptr, creation, flags, nullptr);
     if (handle != reinterpret_cast<void*>(-1)) return handle;
     set_errno();
     return nullptr;
@@ -194,7 +196,7 @@ inline bool HeldFile::remove_abandoned(const std::filesystem::path& name) {
 }
 inline void HeldFile::remove(const std::filesystem::path& name) { ::_wunlink(name.c_str()); }
 inline bool HeldFile::permit(std::filesystem::perms) { return true; } // the folder's
-inline bool HeldFile::write(ByteSpan bytes) {
+inline bool HeldFile::write(std::span<const std::byte> bytes) {
     while (!bytes.empty()) {
         constexpr std::size_t most = 1U << 24U;
         const int n = ::_write(descriptor_, bytes.data(),
