@@ -66,7 +66,7 @@ cat > small.json << 'END'
     "gaze_color": [8], "eye_offset": [8]}},
  "grid": {"cell": 0.35},
  "mesh": {"steps": 20, "image_size": 48, "pretrain_steps": 20},
- "gaussians": {"steps": 20, "mouth_points": 20, "eyeball": {"points": 120},
+ "gaussians": {"steps": 20, "checkpoint_every": 5, "mouth_points": 20, "eyeball": {"points": 120},
   "upsampler": {"capacity": 2}}}
 END
 train="--preset tiny --config small.json --quiet"
@@ -101,22 +101,56 @@ same measured/results.json "measured linux/results.json" "results of evaluate"
 
 # ---- what goes wrong -----------------------------------------------------------------------------
 refused 2 "no_such' is no command" no_such
-refused 2 "--capture: got 'nirgends é'" info "nirgends é" || true
+refused 2 "nirgends é" info "nirgends é"
 refused 2 "--steps" train --capture "köpf 1" --out x --stps 3
 refused 2 "exists already; --overwrite replaces it" capture --out "köpf 1"
 refused 2 "/no" train --capture /no/such --out x
 refused 2 "film.mp4: needs ffmpeg, which is not installed" capture --out x --video film.mp4 --size 32
 [ ! -e x ] || fail "a refused command left a folder"
-# A training that is killed leaves its last checkpoint, whole, and goes on from it.
-sed 's/"gaussians": {"steps": 20/"gaussians": {"steps": 4000/' small.json > long.json
-WINEPREFIX=$WINEPREFIX wine "$exe" train --capture "köpf 1" --out killed --preset tiny --config long.json --quiet &
-running=$!
-for _ in $(seq 300); do
-    [ ! -e killed/checkpoint.safetensors ] || break
-    sleep 0.2
-done
+# A training that is killed, or stopped by Ctrl-C, goes on to the bits that it would have had.
+# begin OUT: starts a training, and waits for its first checkpoint
+begin() {
+    # shellcheck disable=SC2086 # several words
+    wine "$exe" train --capture "köpf 1" --out "$1" $train 2> "$work/errors.txt" &
+    running=$!
+    for _ in $(seq 600); do
+        [ ! -e "$1/checkpoint.safetensors" ] || return 0
+        sleep 0.1
+    done
+    fail "no checkpoint in a minute"
+}
+go_on() { # OUT WORDS
+    rye train --capture "köpf 1" --out "$1" --resume --quiet
+    cmp "run 1/checkpoint.safetensors" "$1/checkpoint.safetensors" || fail "a run $2 has other bits"
+    [ -z "$(find "$1" -name '*.tmp-*')" ] || fail "a run $2 left temporary files"
+}
+begin killed
 refused 2 "is in use by rye train, process" train --capture "köpf 1" --out killed --resume
-wineserver=$(command -v wineserver || echo /usr/lib/wine/wineserver)
-"$wineserver" -k 9
-wait $running || true
-[ -e killed/checkpoint.safetensors ] || fail "no checkpoint to go on from"
+wineserver -k9
+wait $running 2> /dev/null || true
+go_on killed "that was killed"
+begin stopped
+kill -INT $running
+status=0
+wait $running || status=$?
+[ $status = 130 ] || fail "Ctrl-C: code $status, expected 130"
+go_on stopped "that was stopped"
+# What is half written does not have its name.
+wine "$exe" capture --out half --size 256 --quiet 2> "$work/errors.txt" &
+running=$!
+sleep 3
+wineserver -k9
+wait $running 2> /dev/null || true
+[ ! -e half ] || fail "a capture that was killed is there"
+# shellcheck disable=SC2086 # several words
+rye capture --out half $small --quiet
+[ ! -e half.tmp ] || fail "what a killed capture left is still there"
+# A command that starts others of itself.
+cat > list.json << 'END'
+{"title": "Two rows", "columns": ["head_psnr"],
+ "rows": [{"name": "as it is"}, {"name": "no blank loss", "config": {"gaussians": {"weights": {"blank": 0}}}}]}
+END
+# shellcheck disable=SC2086 # several words
+rye compare --list list.json --capture "köpf 1" --out compared --preset tiny --config small.json --seeds 1 --jobs 2 --quiet > said.txt
+[ -s compared/list.csv ] || fail "rye compare wrote no table"
+echo "rye.exe: a capture, trainings that end, are killed and stopped, pictures, measurements, a comparison"
