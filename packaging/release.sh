@@ -4,12 +4,13 @@
 #   source     rye-VERSION.tar.gz
 #   programs   rye-VERSION-linux-x86_64.tar.gz: static programs for each level of processor, and `rye`,
 #              which starts the best one that the machine has (launcher.sh)
+#   windows    rye-VERSION-windows-x86_64.zip: a static program of the lowest level (windows.sh)
 #   packages   Debian packages, of the lowest level
 #   site       rye-VERSION-site.tar.gz
 #   page       rye-VERSION-page.tar.gz: the gaze page with the avatar file HEAD
 #   licences   licences/: of rye and of all that is inside of the programs
 #   checksums  SHA256SUMS
-# A step whose tools are missing is named as not made. Not made yet: programs for aarch64 and Windows, a
+# A step whose tools are missing is named as not made. Not made yet: programs for aarch64, a
 # container file, a page that opens without a web server. From the environment:
 #   STEPS    which of the above, in this order (default: all)
 #   LEVELS   of processors, as -march has them (default: "x86-64 x86-64-v3 x86-64-v4")
@@ -18,7 +19,7 @@ set -eu
 [ $# -eq 2 ] || { echo "release.sh: expected two arguments, TAG OUT" >&2; exit 2; }
 tag=$1 out=$2
 here=$(cd "$(dirname "$0")/.." && pwd)
-steps=${STEPS:-source programs packages site page licences checksums}
+steps=${STEPS:-source programs windows packages site page licences checksums}
 levels=${LEVELS:-x86-64 x86-64-v3 x86-64-v4}
 commit=$(git -C "$here" rev-parse --verify --quiet "$tag^{commit}") ||
     { echo "release.sh: no tag or commit '$tag'" >&2; exit 2; }
@@ -71,6 +72,15 @@ if wanted programs; then
     cp "$source/LICENSE" "$programs/"
     "$programs/rye" --version
     pack "rye-$version-linux-x86_64" "rye-$version-linux-x86_64"
+fi
+if wanted windows; then
+    status=0
+    WORK="$work/windows" SOURCE_DATE_EPOCH=$date sh "$source/packaging/windows.sh" "$out" > "$work/windows.txt" || status=$?
+    case $status in
+        0) ;;
+        77) not_made windows "$(tail -n 1 "$work/windows.txt")" ;;
+        *) exit $status ;;
+    esac
 fi
 if wanted packages; then
     if command -v dpkg-shlibdeps > /dev/null; then

@@ -17,6 +17,7 @@
 #   newest    the Eigen and xsimd of Debian's unstable suite
 #   bits32    x86 with 32-bit pointers, with the tests of core; by qemu-user if the kernel runs none
 #   wasm32    WebAssembly by emscripten, run by node
+#   windows   rye.exe by mingw-w64, run by wine: tests/packaging/windows.sh
 #   aarch64   Arm with 64 bits, run by qemu-user: with test_math, test_rig, test_nn and test_splat,
 #             and a few steps of `rye train`; plain loops must have the bits that they have on x86
 # Installs what it needs where it is root and there is apt, and otherwise names it. A table ends the
@@ -26,7 +27,7 @@ set -eu
 cd "$(dirname "$0")/.."
 . cmake/steps.sh
 
-all="lanes4 lanes8 lanes16 libcxx cxx23 debian13 newest bits32 wasm32 compilers aarch64"
+all="lanes4 lanes8 lanes16 libcxx cxx23 debian13 newest bits32 wasm32 compilers windows aarch64"
 root=$PWD
 work=$root/${BUILD:-build/portability}
 cxx=${CXX:-g++}
@@ -69,6 +70,12 @@ missing() { # TARGET: the Debian packages it needs that are not there
     wasm32)
         has em++ || echo emscripten
         has node || echo nodejs ;;
+    windows)
+        has x86_64-w64-mingw32-g++-posix || echo g++-mingw-w64-x86-64-posix
+        [ -e /usr/x86_64-w64-mingw32/lib/libz.a ] || echo libz-mingw-w64-dev
+        has wine || echo wine wine64
+        has dpkg-source || echo dpkg-dev
+        for tool in nasm zip unzip; do has $tool || echo $tool; done ;;
     aarch64)
         has "$cross-g++-$gxx_major" || echo "g++-$gxx_major-$cross"
         has qemu-aarch64 || echo qemu-user
@@ -325,6 +332,9 @@ target_wasm32() {
         skip wasm32 "numbers" "no Debian mirror that has a newer xsimd could be read"
     fi
 }
+target_windows() {
+    run windows "rye.exe under wine" sh tests/packaging/windows.sh "$root" "$here/work"
+}
 target_aarch64() {
     sysroot=$here/sysroot
     if ! unpack "$(. /etc/os-release && echo "${VERSION_CODENAME:-stable}")" arm64 "$sysroot" \
@@ -411,10 +421,10 @@ install_missing "$@"
 install_missing "$@" # what only an installed compiler shows
 for target; do mkdir -p "$work/$target" && rm -f "$work/$target/results"; done
 one() { printf '%s\n' "$@" | xargs -P "$jobs" -I '{}' sh tests/portability.sh --one '{}'; }
-small=$(printf '%s\n' "$@" | grep -Ev '^(debian13|compilers|aarch64)$' || true)
+small=$(printf '%s\n' "$@" | grep -Ev '^(debian13|compilers|windows|aarch64)$' || true)
 # shellcheck disable=SC2086 # a list
 [ -z "$small" ] || one $small
-for target in debian13 compilers aarch64; do  # each fills the machine by itself
+for target in debian13 compilers windows aarch64; do  # each fills the machine by itself
     case " $* " in *" $target "*) one "$target" ;; esac
 done
 

@@ -9,6 +9,7 @@
 
 #include "commands/commands.hpp"
 #include "commands/program.hpp"
+#include "data/system.hpp"
 
 int main(int argc, char** argv) {
     using namespace rye::trainer;
@@ -18,6 +19,7 @@ int main(int argc, char** argv) {
     mallopt(M_MMAP_THRESHOLD, 1 << 30);
     mallopt(M_TRIM_THRESHOLD, 1 << 30);
 #endif
+    begin_program(argc, argv);
     const std::string version = std::to_string(RYE_VERSION_MAJOR) + "." +
                                 std::to_string(RYE_VERSION_MINOR) + "." +
                                 std::to_string(RYE_VERSION_PATCH);
@@ -26,6 +28,7 @@ int main(int argc, char** argv) {
                  "--preset tiny;\nrye redirect --run run --sweep --out sweep.png; rye evaluate "
                  "--run run --capture head"};
     app.name("rye");
+    app.allow_windows_style_options(false); // /name is a path
     app.set_version_flag("--version", version);
     app.require_subcommand(1);
     app.footer(

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye capture`: renders a calibrated multi-view capture of a procedural head or a model.
-#include <unistd.h>
 
 #include <chrono>
 #include <cstdio>
@@ -13,6 +12,7 @@
 #include "commands/commands.hpp"
 #include "commands/film.hpp"
 #include "commands/options.hpp"
+#include "data/system.hpp"
 #include "data/threads.hpp"
 #include "synthetic_capture/video_scene.hpp"
 
@@ -72,7 +72,7 @@ void run(const Options& o) {
     // Written under another name, so that an interrupted capture cannot pass for a complete one.
     const fs::path unfinished = beside(o.out, ".tmp");
     fs::remove_all(unfinished);
-    const bool terminal = isatty(1) != 0;
+    const bool terminal = is_terminal(Stream::output);
     try {
         write_capture(model, scene, unfinished, [&](int done, int of) {
             if (o.quiet || (!terminal && done != of && done % 8 != 0)) return;

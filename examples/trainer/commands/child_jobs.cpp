@@ -3,22 +3,16 @@
 
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <chrono>
 #include <csignal>
-#include <cstring>
 #include <fstream>
 #include <list>
-#include <map>
-
-#include <fcntl.h>
-#include <sys/wait.h>
-#include <unistd.h>
-#ifdef __linux__
-#include <sys/prctl.h>
-#endif
+#include <thread>
 
 #include <rye/core/error.hpp>
+
+#include "data/started_program.hpp"
+#include "data/system.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -27,65 +21,36 @@ namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
 volatile std::sig_atomic_t stop_signal = 0;
-void note_stop(int signal) { stop_signal = signal; }
+void note_stop(int signal) {
+    stop_signal = signal;
+    std::signal(signal, note_stop); // not everywhere is it kept
+}
 
-/// This program's file, even if it has been replaced since it started.
-constexpr const char* self = "/proc/self/exe";
-
-/// Recorder of SIGINT and SIGTERM, which are noted instead of obeyed during its life.
+/// Recorder of the signals that ask to stop, which are noted instead of obeyed during its life.
 class NotedStops {
   public:
     NotedStops() {
         stop_signal = 0;
-        struct sigaction action {};
-        action.sa_handler = note_stop;
-        for (std::size_t i = 0; i < 2; ++i) ::sigaction(signals[i], &action, &before_[i]);
+        for (std::size_t i = 0; i < before_.size(); ++i)
+            before_[i] = std::signal(stop_signals[i], note_stop);
     }
     ~NotedStops() {
-        for (std::size_t i = 0; i < 2; ++i) ::sigaction(signals[i], &before_[i], nullptr);
+        for (std::size_t i = 0; i < before_.size(); ++i) std::signal(stop_signals[i], before_[i]);
     }
     NotedStops(const NotedStops&) = delete;
     NotedStops& operator=(const NotedStops&) = delete;
 
   private:
-    static constexpr std::array<int, 2> signals{SIGINT, SIGTERM};
-    std::array<struct sigaction, 2> before_{};
+    std::array<void (*)(int), stop_signals.size()> before_{};
 };
 
-/// Starts a command. Its process has a group of its own, so that the terminal's SIGINT reaches this
-/// process alone, which forwards it once.
-pid_t start(const std::vector<std::string>& command, const fs::path& log) {
+fs::path errors_of(const ChildJob& job) { return job.log.string() + ".errors"; }
+
+/// Starts a command of a job.
+StartedProgram start(const ChildJob& job, const std::vector<std::string>& command) {
     std::vector<std::string> words{"rye"};
     words.insert(words.end(), command.begin(), command.end());
-    std::vector<char*> argv;
-    for (std::string& w : words) argv.push_back(w.data());
-    argv.push_back(nullptr);
-    const std::string errors = log.string() + ".errors";
-    const int out = ::open(log.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
-    const int err = ::open(errors.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-    const int in = ::open("/dev/null", O_RDONLY | O_CLOEXEC);
-    require(out >= 0 && err >= 0 && in >= 0, log.string(),
-            "cannot be written: ", [&] { return std::strerror(errno); });
-    const pid_t parent = ::getpid();
-    const pid_t child = ::fork();
-    if (child == 0) { // between fork and exec, only calls that are safe in a signal handler
-#ifdef __linux__
-        ::prctl(PR_SET_PDEATHSIG, SIGTERM);
-#endif
-        if (::getppid() != parent) ::_exit(127);
-        ::setpgid(0, 0);
-        ::signal(SIGINT, SIG_DFL);
-        ::signal(SIGTERM, SIG_DFL);
-        ::dup2(in, 0);
-        ::dup2(out, 1);
-        ::dup2(err, 2);
-        ::execv(self, argv.data());
-        ::_exit(127);
-    }
-    for (const int file : {out, err, in}) ::close(file);
-    require(child > 0, "rye compare",
-            "cannot start a process: ", [&] { return std::strerror(errno); });
-    return child;
+    return {own_program(), words, OutputFiles{job.log, errors_of(job)}};
 }
 
 std::string last_line(const fs::path& path) {
@@ -96,19 +61,18 @@ std::string last_line(const fs::path& path) {
     return last;
 }
 
-int code_of(int status) { return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status); }
-
 } // namespace
 
 int run_children(std::vector<ChildJob> jobs, int at_once,
                  const std::function<void(std::size_t, const ChildResult&)>& ended) {
-    require(::access(self, X_OK) == 0, "rye compare", self,
+    require(fs::exists(own_program()), "rye compare", own_program().string(),
             " is not there, by which it starts its own commands");
     struct Running {
         std::size_t job, command;
         Clock::time_point began;
+        StartedProgram program;
     };
-    std::map<pid_t, Running> running;
+    std::list<Running> running;
     std::list<std::size_t> waiting;
     for (std::size_t i = 0; i < jobs.size(); ++i) waiting.push_back(i);
     Clock::time_point looked{};
@@ -125,9 +89,8 @@ int run_children(std::vector<ChildJob> jobs, int at_once,
     };
     const NotedStops stops;
     bool told = false;
-    const auto begin = [&](Running r) {
-        const ChildJob& job = jobs[r.job];
-        running.emplace(start(job.commands[r.command], job.log), r);
+    const auto begin = [&](std::size_t job, std::size_t command, Clock::time_point began) {
+        running.push_back({job, command, began, start(jobs[job], jobs[job].commands[command])});
     };
     while (!waiting.empty() || !running.empty()) {
         while (stop_signal == 0 && running.size() < static_cast<std::size_t>(at_once)) {
@@ -138,33 +101,33 @@ int run_children(std::vector<ChildJob> jobs, int at_once,
             std::error_code ignored;
             fs::create_directories(jobs[job].log.parent_path(), ignored);
             fs::remove(jobs[job].log, ignored);
-            begin({job, 0, Clock::now()});
+            begin(job, 0, Clock::now());
         }
         if (stop_signal != 0) {
             if (!told)
-                for (const auto& [pid, r] : running) ::kill(pid, SIGTERM);
+                for (Running& r : running) r.program.stop();
             told = true;
             if (running.empty()) break;
         }
-        int status = 0;
-        const pid_t pid = ::waitpid(-1, &status, WNOHANG);
-        const auto found = pid > 0 ? running.find(pid) : running.end();
+        std::optional<int> ended_with;
+        const auto found = std::find_if(running.begin(), running.end(), [&](Running& r) {
+            return (ended_with = r.program.ended()).has_value();
+        });
         if (found == running.end()) {
-            ::usleep(20000);
+            std::this_thread::sleep_for(std::chrono::milliseconds(20));
             continue;
         }
-        Running r = found->second;
+        const Running r = std::move(*found);
         running.erase(found);
         const ChildJob& job = jobs[r.job];
-        const int code = code_of(status);
+        const int code = *ended_with;
         if (code == 0 && r.command + 1 < job.commands.size() && stop_signal == 0) {
-            begin({r.job, r.command + 1, r.began});
+            begin(r.job, r.command + 1, r.began);
             continue;
         }
         const bool done = code == 0 && r.command + 1 == job.commands.size();
         if (stop_signal != 0 && !done) continue; // stopped, not failed
-        const fs::path errors = job.log.string() + ".errors";
-        ended(r.job, {code, code == 0 ? "" : last_line(errors),
+        ended(r.job, {code, code == 0 ? "" : last_line(errors_of(job)),
                       std::chrono::duration<double>(Clock::now() - r.began).count()});
     }
     return stop_signal;

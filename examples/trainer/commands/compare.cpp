@@ -22,6 +22,7 @@
 #include "data/experiments.hpp"
 #include "data/folder_lock.hpp"
 #include "data/json.hpp"
+#include "data/system.hpp"
 #include "training/begun.hpp"
 #include "training/device_choice.hpp"
 
@@ -115,7 +116,7 @@ class Comparison {
             });
         if (signal != 0) {
             std::cerr << "rye compare: stopped; the same command goes on\n";
-            return 128 + signal;
+            return code_of_stop(signal);
         }
         write_tables(true);
         if (o_.json) std::cout << json().dump(2) << "\n";

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye import KIND SOURCE --out CAPTURE`: converts other programs' data to a capture.
-#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
@@ -14,6 +13,7 @@
 
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
+#include "data/system.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
 #include "importers/import_folder.hpp"
@@ -79,7 +79,7 @@ std::function<void(int, int)> tracking_progress(bool quiet, bool terminal) {
 void run(const Arguments& a, Importer import) {
     set_threads(a.threads);
     ImportOptions options = a.options;
-    const bool terminal = isatty(1) != 0;
+    const bool terminal = is_terminal(Stream::output);
     options.progress = [&](int done, int of) {
         if (a.quiet || (!terminal && done != of && done % 50 != 0)) return;
         std::printf("%sframe %d of %d%s", terminal ? "\r" : "", done, of,

@@ -4,19 +4,9 @@
 #include <cstdio>
 #include <iostream>
 
-#include <sys/ioctl.h>
-#include <unistd.h>
+#include "data/system.hpp"
 
 namespace rye::trainer {
-namespace {
-
-/// Returns the columns of the terminal; 0 if unknown.
-std::size_t terminal_width() {
-    struct winsize size {};
-    return ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 ? size.ws_col : 0;
-}
-
-} // namespace
 
 std::string brief(const std::string& name, double value) {
     char digits[32];
@@ -28,7 +18,7 @@ Progress::Progress(std::string stage, Index total, bool quiet)
     : stage_(std::move(stage)),
       total_(total),
       quiet_(quiet),
-      tty_(isatty(1) != 0) {}
+      tty_(is_terminal(Stream::output)) {}
 
 void Progress::show(Index step, const std::vector<std::string>& losses, bool last, Index taken) {
     if (quiet_) return;

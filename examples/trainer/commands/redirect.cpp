@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye redirect`: renders a trained head with another gaze for each eye, from another camera, with
 /// other drivers: one picture, a contact sheet, or a video.
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -23,6 +22,7 @@
 #include "commands/picture_labels.hpp"
 #include "data/moving_picture.hpp"
 #include "data/panel.hpp"
+#include "data/system.hpp"
 #include "data/threads.hpp"
 #include "training/variants.hpp"
 
@@ -220,7 +220,7 @@ void write_video(const RedirectOptions& o, OutFormat format, const TrainState& s
     say << drawer.explanation();
     const std::unique_ptr<MovingPicture> video =
         moving_picture(o.out, format, parsed_rate(o.rate, "--fps"), count);
-    const bool terminal = isatty(STDERR_FILENO) != 0;
+    const bool terminal = is_terminal(Stream::errors);
     for (int i = 0; i < count; ++i) {
         video->add(to_8bit(drawer.picture(frames[static_cast<std::size_t>(i)])));
         if (terminal) std::cerr << "\rpicture " << i + 1 << " of " << count << std::flush;
@@ -265,7 +265,7 @@ OutFormat checked_format(const RedirectOptions& o) {
             " makes a video, expected ", [&] {
                 return list_of({formats.begin() + 2, formats.end()});
             });
-    require(format != OutFormat::y4m_stream || isatty(STDOUT_FILENO) == 0, "--out",
+    require(format != OutFormat::y4m_stream || !is_terminal(Stream::output), "--out",
             "got -, and standard output is a terminal, expected a pipe or a file behind it");
     for (const auto* gaze : {&o.left, &o.right})
         if (!gaze->empty()) gaze_option(*gaze, gaze == &o.left ? "--gaze-left" : "--gaze-right");

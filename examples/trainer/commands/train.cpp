@@ -21,6 +21,7 @@
 #include "data/json.hpp"
 #include "data/panel.hpp"
 #include "data/run_frames.hpp"
+#include "data/system.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
 #include "data/work_beside.hpp"
@@ -585,7 +586,7 @@ int train(const TrainOptions& o) {
     const std::string preset = start.state.config.preset;
     const RunSize size = run_size(start.state.config, start.state.subject, start.capture.width,
                                   start.capture.height);
-    require_room(size, most_memory(), o.config.empty() ? "--preset " + preset : o.config.string());
+    require_room(size, machine_memory(), o.config.empty() ? "--preset " + preset : o.config.string());
     check_perceptual_weights(o.perceptual_weights);
     const TrainedOn on = trained_on(o, start.state, start.capture);
     const std::string mark = frames_mark(start.capture);
@@ -598,7 +599,7 @@ int train(const TrainOptions& o) {
         require(!std::filesystem::exists(checkpoint_path(o.out)), o.out.string(),
                 "holds a run since a moment ago, of another training");
     }
-    std::signal(SIGXFSZ, SIG_IGN);  // exceeding the file size limit becomes an error, not a signal
+    ignore_file_size_signal();
     Trainer trainer(o, on.device, std::move(start.capture), std::move(start.state),
                     o.resume ? Beginning::resumed
                     : there  ? Beginning::replacing
@@ -608,8 +609,7 @@ int train(const TrainOptions& o) {
     if (!o.resume) log_findings(start, trainer);
     if (!o.begin.empty()) trainer.begin_after(o.begin);
     if (other_frames) trainer.save(); // to match the frames now beside it
-    std::signal(SIGINT, request_stop);
-    std::signal(SIGTERM, request_stop);
+    for (const int signal : stop_signals) std::signal(signal, request_stop);
     const bool done = trainer.run();
     if (o.json) std::cout << trainer.summary(done).dump(2) << "\n";
     else if (o.profile) print_profile(trainer.profile());
@@ -617,7 +617,7 @@ int train(const TrainOptions& o) {
         std::cout << "done: " << checkpoint_path(o.out).string() << "\npanels: "
                   << (o.out / "panels").string()
                   << " (truth, final, low resolution, face over white eyeballs, eyes alone)\n";
-    return done ? 0 : 128 + static_cast<int>(stop_requested);
+    return done ? 0 : code_of_stop(stop_requested);
 }
 
 } // namespace

@@ -7,6 +7,8 @@
 #include <filesystem>
 #include <string>
 
+#include "data/system.hpp"
+
 namespace rye::trainer {
 
 /// Options of a FolderLock.
@@ -22,12 +24,9 @@ class FolderLock {
   public:
     /// Throws an Error if another process holds it, with its number, its host and the time since.
     FolderLock(const std::filesystem::path& folder, const LockOptions& options);
-    ~FolderLock();
-    FolderLock(const FolderLock&) = delete;
-    FolderLock& operator=(const FolderLock&) = delete;
 
   private:
-    int file_ = -1;
+    LockFile file_;
 };
 
 } // namespace rye::trainer

@@ -9,13 +9,12 @@
 #include <cstring>
 #include <span>
 
-#include <unistd.h>
-
 #include <rye/capture/atomic_file.hpp>
 #include <rye/capture/inflate.hpp>
 #include <rye/core/error.hpp>
 
 #include "data/picture_codecs.hpp"
+#include "data/system.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -158,15 +157,7 @@ class AnimatedPng : public MovingPicture {
 /// Standard output, unbuffered.
 class StandardOutput {
   public:
-    void write(ByteSpan bytes) {
-        while (!bytes.empty()) {
-            const ::ssize_t n = ::write(STDOUT_FILENO, bytes.data(), bytes.size());
-            if (n < 0 && errno == EINTR) continue;
-            require(n > 0, "standard output",
-                    "cannot be written: ", [&] { return std::strerror(errno); });
-            bytes = bytes.subspan(static_cast<std::size_t>(n));
-        }
-    }
+    void write(ByteSpan bytes) { write_output(bytes); }
     void commit(Durability) {}
 };
 

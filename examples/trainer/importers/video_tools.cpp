@@ -10,6 +10,7 @@
 #include <rye/core/error.hpp>
 
 #include "data/process.hpp"
+#include "data/system.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -20,14 +21,13 @@ constexpr int largest_side = 1920;
 
 fs::path first_of(const fs::path& option, const char* variable, const fs::path& otherwise) {
     if (!option.empty()) return option;
-    const char* const value = std::getenv(variable);
-    return value != nullptr && *value != '\0' ? fs::path(value) : otherwise;
+    const std::optional<std::string> value = environment(variable);
+    return value ? fs::path(*value) : otherwise;
 }
 
 /// Returns track.js beside the program, or where it is installed.
 fs::path own_tracker() {
-    std::error_code ignored;
-    const fs::path folder = fs::read_symlink("/proc/self/exe", ignored).parent_path();
+    const fs::path folder = program_file().parent_path();
     const fs::path beside = folder / "video_tracker/track.js";
     return fs::exists(beside) ? beside
                               : folder.parent_path() / "share/rye/video_tracker/track.js";

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/run_folder.hpp"
 
-#include <cerrno>
-#include <cstring>
 #include <fstream>
 #include <iostream>
 #include <iterator>
@@ -10,9 +8,6 @@
 #include <sstream>
 #include <utility>
 #include <vector>
-
-#include <fcntl.h>
-#include <unistd.h>
 
 #include <rye/capture/atomic_file.hpp>
 
@@ -94,10 +89,6 @@ RunFolder::RunFolder(fs::path folder, const TrainState& state, Beginning beginni
     open_log(lines);
 }
 
-RunFolder::~RunFolder() {
-    if (log_ >= 0) ::close(log_);
-}
-
 void RunFolder::write_inputs(const TrainState& state) const {
     const std::string text = to_json(state.config).dump(2) + "\n";
     write_atomic(folder_ / "config.json", bytes_of(text));
@@ -113,31 +104,18 @@ void RunFolder::write_inputs(const TrainState& state) const {
 void RunFolder::open_log(const std::string& lines) {
     const fs::path path = folder_ / "log.jsonl";
     write_atomic(path, bytes_of(lines));
-    log_ = ::open(path.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
-    require(log_ >= 0, path.string(), std::string("cannot be written: ") + std::strerror(errno));
+    log_.emplace(path);
 }
 
 void RunFolder::warn(bool& told, const std::string& sentence) const {
     if (!std::exchange(told, true)) std::cerr << "rye: warning: " << sentence << "\n";
 }
 
-/// Appends all of the text, or none of it.
 void RunFolder::append(const std::string& text) {
-    const ::off_t before = ::lseek(log_, 0, SEEK_END);
-    std::size_t done = 0;
-    while (done < text.size()) {
-        const ::ssize_t n = ::write(log_, text.data() + done, text.size() - done);
-        if (n < 0 && errno == EINTR) continue;
-        if (n <= 0) {
-            const std::string reason = std::strerror(errno);
-            const bool undone = done == 0 || ::ftruncate(log_, before) == 0;
-            warn(log_warned_, (folder_ / "log.jsonl").string() + ": cannot be written: " + reason +
-                                  "; lines of it are left out" +
-                                  (undone ? "" : ", one of them half"));
-            return;
-        }
-        done += static_cast<std::size_t>(n);
-    }
+    if (const auto failure = log_->append(text))
+        warn(log_warned_, (folder_ / "log.jsonl").string() + ": cannot be written: " +
+                              failure->reason + "; lines of it are left out" +
+                              (failure->undone ? "" : ", one of them half"));
 }
 
 void RunFolder::log(const nlohmann::ordered_json& line) { log_lines(checked_text(line, -1)); }

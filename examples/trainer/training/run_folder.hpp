@@ -8,10 +8,12 @@
 
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 
 #include <nlohmann/json.hpp>
 
+#include "data/system.hpp"
 #include "training/run.hpp"
 
 namespace rye::trainer {
@@ -35,7 +37,6 @@ class RunFolder {
     /// frames.safetensors; with one, it must outlive the folder.
     RunFolder(std::filesystem::path folder, const TrainState& state, Beginning beginning,
               const Capture* capture = nullptr);
-    ~RunFolder();
     RunFolder(const RunFolder&) = delete;
     RunFolder& operator=(const RunFolder&) = delete;
 
@@ -56,7 +57,7 @@ class RunFolder {
     const Capture* capture_;
     bool replacing_;
     std::string pending_;  ///< lines of a run that has not replaced the old one yet
-    int log_ = -1;         ///< descriptor
+    std::optional<AppendedFile> log_;
     bool log_warned_ = false, panel_warned_ = false;
 };
 

@@ -7,9 +7,6 @@
 #include <limits>
 #include <numbers>
 
-#include <sys/resource.h>
-#include <unistd.h>
-
 #include <rye/core/error.hpp>
 #include <rye/train/density.hpp>
 
@@ -104,16 +101,6 @@ RunSize run_size(const TrainConfig& config, const Subject& subject, int width, i
     const double network_bytes = 4 * 4 * network_weights(a.networks);
     s.bytes = std::max(lattice_bytes, gaussian_bytes + picture_bytes) + network_bytes;
     return s;
-}
-
-double most_memory() {
-    double bytes = static_cast<double>(::sysconf(_SC_PHYS_PAGES)) *
-                   static_cast<double>(::sysconf(_SC_PAGE_SIZE));
-    rlimit limit{};
-    for (const auto kind : {RLIMIT_AS, RLIMIT_DATA})
-        if (::getrlimit(kind, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY)
-            bytes = std::min(bytes, static_cast<double>(limit.rlim_cur));
-    return bytes;
 }
 
 std::string text_of(const RunSize& size) {

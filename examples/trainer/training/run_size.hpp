@@ -29,9 +29,6 @@ SurfaceGuess surface_guess(const TrainConfig& config, const Subject& subject);
 /// Returns the size of a run. width, height: of the capture's pictures [px].
 RunSize run_size(const TrainConfig& config, const Subject& subject, int width, int height);
 
-/// Returns the memory available to this process: the machine's, or its own limit if lower [bytes].
-double most_memory();
-
 /// Throws an Error that begins with `who` if the run certainly needs more than `memory` [bytes].
 void require_room(const RunSize& size, double memory, const std::string& who);
 
