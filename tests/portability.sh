@@ -25,6 +25,7 @@
 set -eu
 cd "$(dirname "$0")/.."
 . cmake/steps.sh
+. tests/portability/unpack.sh
 
 all="lanes4 lanes8 lanes16 libcxx cxx23 debian13 newest bits32 wasm32 compilers aarch64"
 root=$PWD
@@ -87,42 +88,6 @@ install_missing() { # TARGET...
     { apt-get update && DEBIAN_FRONTEND=noninteractive \
         apt-get install -y --no-install-recommends $packages; } > "$work/install.log" 2>&1 ||
         { tail -n 5 "$work/install.log"; echo "portability: not everything could be installed"; }
-}
-
-# unpack SUITE ARCHITECTURE FOLDER PACKAGE...: Debian packages into a folder, none is installed.
-unpack() {
-    suite=$1 architecture=$2 folder=$3
-    shift 3
-    [ ! -e "$folder/unpacked" ] || return 0
-    has apt-get && has dpkg || return 1
-    site=$(apt-get indextargets --format '$(LABEL) $(REPO_URI)' 'Created-By: Packages' |
-        sed -n 's/^Debian //p' | head -n 1)
-    [ -n "$site" ] || return 1
-    rm -rf "$folder"
-    mkdir -p "$folder/apt/lists/partial" "$folder/apt/archives/partial"
-    keys=/usr/share/keyrings/debian-archive-keyring.gpg
-    if [ -e "$keys" ]; then keys=" signed-by=$keys"; else keys=; fi
-    echo "deb [arch=$architecture$keys] $site $suite main" > "$folder/apt/sources.list"
-    cat > "$folder/apt/apt.conf" << EOF
-Dir::State "$folder/apt";
-Dir::State::status "/dev/null";
-Dir::Cache "$folder/apt";
-Dir::Etc::SourceList "$folder/apt/sources.list";
-Dir::Etc::SourceParts "/dev/null";
-APT::Architecture "$architecture";
-APT::Architectures { "$architecture"; };
-APT::Sandbox::User "root";
-Acquire::Languages "none";
-EOF
-    ( export APT_CONFIG="$folder/apt/apt.conf"
-        cd "$folder/apt"
-        apt-get -qq update && apt-get -qq download "$@" ) > "$folder/apt.log" 2>&1 || return 1
-    for package in "$folder"/apt/*.deb; do
-        dpkg -x "$package" "$folder" || return 1
-        basename "$package" .deb | sed 's/_[^_]*$//; s/_/ /' >> "$folder/versions"
-    done
-    rm -rf "$folder/apt"
-    touch "$folder/unpacked"
 }
 
 # ---- what is run --------------------------------------------------------------------------------
