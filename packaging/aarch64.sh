@@ -27,7 +27,7 @@ cmake -S "$source" -B "$work/build" -DCMAKE_TOOLCHAIN_FILE="$source/tests/portab
     -DRYE_SYSROOT="$work/sysroot" -DRYE_CROSS_COMPILER="$gxx" -DCMAKE_BUILD_TYPE=Release \
     -DCMAKE_CXX_FLAGS=-march=armv8-a -DCMAKE_EXE_LINKER_FLAGS=-static \
     -DCMAKE_PROJECT_rye_INCLUDE="$work/static.cmake" -DRYE_HDF5_LIBRARY= -DRYE_HDF5_INCLUDE= \
-    -DRYE_NATIVE=OFF -DRYE_BUILD_C=OFF -DRYE_BUILD_TESTS=OFF -DRYE_BUILD_EXAMPLES=OFF \
+    -DRYE_MERGE_UNITS=ON -DRYE_NATIVE=OFF -DRYE_BUILD_C=OFF -DRYE_BUILD_TESTS=OFF -DRYE_BUILD_EXAMPLES=OFF \
     -DRYE_BUILD_BENCHMARKS=OFF > "$work/build.txt"
 cmake --build "$work/build" --target rye_program >> "$work/build.txt"
 "$cross-strip" -o "$out/rye" "$work/build/rye"

@@ -125,10 +125,10 @@ if wanted site; then
 fi
 if wanted page; then
     head=${HEAD:-}
-    if ! command -v em++ > /dev/null; then
-        not_made page "no em++ (Debian package emscripten)"
-    elif [ -z "$head" ] && ! wanted programs; then
+    if [ -z "$head" ] && ! wanted programs; then
         not_made page "HEAD names no avatar file, and there is no program that makes one"
+    elif ! command -v em++ > /dev/null; then
+        not_made page "no em++ (Debian package emscripten)"
     else
         if [ -z "$head" ]; then
             rye=$work/${levels%% *}/rye

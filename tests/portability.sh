@@ -332,18 +332,8 @@ cross_train() {
     cd "$here/train"
     $rye capture --out cap --size 32 --cameras 3 --frames 3 --test-frames 1 --apart-frames 0 \
         --samples 1 --quiet
-    cat > small.json << 'EOF'
-{"avatar": {"feature": 8, "channels": 8,
-  "networks": {"geometry": [16, 16], "exp_color": [16], "pose_color": [8], "exp_deform": [16, 16],
-    "pose_deform": [8], "exp_attributes": [8], "pose_attributes": [8], "gaze_deform": [8],
-    "gaze_color": [8], "eye_offset": [8]}},
- "grid": {"cell": 0.35},
- "mesh": {"steps": 3, "image_size": 32, "pretrain_steps": 5},
- "gaussians": {"steps": 3, "mouth_points": 20, "eyeball": {"points": 120},
-  "upsampler": {"capacity": 2}}}
-EOF
     for threads in 1 2; do
-        $rye train --capture cap --preset tiny --config small.json --quiet --out "run$threads" \
+        $rye train --capture cap --preset tiny --config "$root/tests/portability/small.json" --quiet --out "run$threads" \
             --threads "$threads"
     done
     cmp run1/checkpoint.safetensors run2/checkpoint.safetensors
