@@ -60,7 +60,7 @@ if [ -f "$package" ]; then
             dpkg -i carried/*.deb && rye --version &&
             rye capture --out cap --size 64 --cameras 3 --frames 3 --test-frames 1 --apart-frames 0 \
                 --samples 1 --quiet && rye info --capture cap && [ -f /usr/share/man/man1/rye.1 ] &&
-            ls /usr/share/doc/rye/licences && dpkg -r rye && ! command -v rye' > "$work/$suite.deb.txt" 2>&1 || status=$?
+            ls /usr/share/doc/rye/licences && dpkg -r rye && [ ! -e /usr/bin/rye ]' > "$work/$suite.deb.txt" 2>&1 || status=$?
         case $status in
         0) echo "$(basename "$package"): installed and run on $suite" ;;
         77) not_run "$(basename "$package") on $suite: $(tail -n 1 "$work/$suite.deb.txt")" ;;
