@@ -4,7 +4,7 @@
 # what a change must pass while one works on it, in a quarter of an hour on two processors; with
 # --all every test, and those of other lanes and compilers that take minutes; with --release also
 # what takes hours: all processors, compilers and systems, numerical variants and sanitizers,
-# README's first command on bare systems. Ends with a list of what was not run, and why.
+# README's first command and a release on bare systems. Ends with a list of what was not run, and why.
 set -eu
 cd "$(dirname "$0")/.."
 . cmake/steps.sh
@@ -39,6 +39,13 @@ quickstart_on() {
     fi
 }
 
+# What a version is published as, made and tried; parts that cannot be are named.
+release_here() {
+    sh tests/packaging/published.sh > "$build/published.log" 2>&1 || { tail -n 30 "$build/published.log"; return 1; }
+    grep -vE '^(not run|not made)' "$build/published.log"
+    sed -n 's/^not made/not run: release/p; /^not run/p' "$build/published.log" >> "$build/all.log"
+}
+
 # Tests say so in lines that begin with "not run", "skipped" or "NAME: skipped".
 log=$build/Testing/Temporary/LastTest.log
 : > "$build/all.log"
@@ -52,12 +59,14 @@ case $level in
     step "Numerical variants and sanitizers" sh tests/variants.sh
     for suite in bookworm trixie; do
         step "README's first command on a bare $suite" quickstart_on "$suite"
-    done ;;
+    done
+    step "A release, on bare systems" release_here ;;
 esac
 if [ "$level" != --release ]; then
     not_run "other processors, compilers and systems (tests/portability.sh; check.sh --release)"
     not_run "numerical variants and sanitizers (tests/variants.sh; check.sh --release)"
     not_run "README's first command on bare systems (check.sh --release)"
+    not_run "a release and its first minutes (tests/packaging/published.sh; check.sh --release)"
 fi
 if left_out=$(grep -ihE '^(not run|skipped|[a-z_]+: skipped)[,:]? ' "$log" "$build/all.log" | sort -u)
 then

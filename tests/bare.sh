@@ -1,17 +1,24 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# bare.sh SUITE COMMAND...: runs the command in a copy of this project on a bare Debian of that suite
-# (bookworm, trixie, ...), as root and with nothing installed but Debian's minimal base:
+# bare.sh SUITE COMMAND...: runs the command in a copy of this project on a bare Debian or Ubuntu of that
+# suite (bullseye, bookworm, trixie, jammy, noble, ...), as root and with nothing installed but the
+# minimal base:
 #     sh tests/bare.sh trixie sh cmake/quickstart.sh
-# PACKAGES lists Debian packages to install first. BUILD names the folder of the systems
-# (build/bare); the copy lies in SUITE/rye there when the command has ended.
-# Needs root, debootstrap and a Debian mirror: without one of them it says so and ends with 77.
+# PACKAGES lists packages to install first. CARRY lists files and folders that are copied to carried/ of
+# the copy. BUILD names the folder of the systems (build/bare); the copy lies in SUITE/rye there when the
+# command has ended.
+# Needs root, debootstrap and a mirror: without one of them it says so and ends with 77.
 set -eu
+from=$PWD
 cd "$(dirname "$0")/.."
+. tests/portability/unpack.sh
 
 suite=$1
 shift
-work=$PWD/${BUILD:-build/bare}
+case ${BUILD:-build/bare} in
+/*) work=${BUILD:-} ;;
+*) work=$PWD/${BUILD:-build/bare} ;;
+esac
 base=$work/$suite.base
 root=$work/$suite
 not_here() { echo "bare: $1"; exit 77; }
@@ -23,14 +30,33 @@ if ! command -v debootstrap > /dev/null 2>&1; then
 fi
 unshare --mount true 2> /dev/null || not_here "no file system may be mounted here"
 
+strap() { # MIRROR OPTIONS...: the base; no mirror: debootstrap's own
+    site=$1
+    shift
+    rm -rf "$base"
+    # An older debootstrap makes newer suites by the script of an older one.
+    scripts=/usr/share/debootstrap/scripts script=
+    case $suite in
+    noble) [ -e $scripts/noble ] || script=$scripts/jammy ;;
+    esac
+    debootstrap --variant=minbase "$@" "$suite" "$base" "$site" $script > "$work/$suite.log" 2>&1
+}
+
 mkdir -p "$work"
 if [ ! -e "$base/made" ]; then
-    mirror=$(apt-get indextargets --format '$(LABEL) $(REPO_URI)' 'Created-By: Packages' |
-        sed -n 's/^Debian //p' | head -n 1)
-    rm -rf "$base"
-    # shellcheck disable=SC2086 # no mirror: debootstrap's own
-    debootstrap --variant=minbase "$suite" "$base" $mirror > "$work/$suite.log" 2>&1 ||
-        not_here "debootstrap of $suite failed: $(tail -n 1 "$work/$suite.log")"
+    made=
+    case $suite in
+    jammy | noble)  # from debootstrap's own mirror, with keys that Debian has since its version 13
+        (unpack trixie "$(dpkg --print-architecture)" "$work/keys" ubuntu-keyring) || not_here "no keys of Ubuntu's archive"
+        strap "" --keyring="$work/keys/usr/share/keyrings/ubuntu-archive-keyring.gpg" && made=yes ;;
+    *)
+        mirror=$(apt-get indextargets --format '$(LABEL) $(REPO_URI)' 'Created-By: Packages' |
+            sed -n 's/^Debian //p' | head -n 1)
+        for site in "$mirror" http://archive.debian.org/debian; do  # where old ones go
+            [ -n "$made" ] || { strap "$site" && made=yes; }
+        done ;;
+    esac
+    [ -n "$made" ] || not_here "debootstrap of $suite failed: $(tail -n 1 "$work/$suite.log")"
     [ ! -e /etc/resolv.conf ] || cp /etc/resolv.conf "$base/etc/"
     touch "$base/made"
 fi
@@ -42,6 +68,11 @@ if git rev-parse --is-inside-work-tree > /dev/null 2>&1; then
 else
     find . -name build -prune -o -type f -print0
 fi | tar c --null --files-from=- --ignore-failed-read | tar x -C "$root/rye"
+
+for carried in ${CARRY:-}; do
+    mkdir -p "$root/rye/carried"
+    cp -R "$(cd "$from" && readlink -f "$carried")" "$root/rye/carried/"
+done
 
 if [ -n "${PACKAGES:-}" ]; then
     # shellcheck disable=SC2016 # for the shell in there

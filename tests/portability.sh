@@ -26,6 +26,7 @@
 set -eu
 cd "$(dirname "$0")/.."
 . cmake/steps.sh
+. tests/portability/unpack.sh
 
 all="lanes4 lanes8 lanes16 libcxx cxx23 debian13 newest bits32 wasm32 compilers windows aarch64"
 root=$PWD
@@ -94,42 +95,6 @@ install_missing() { # TARGET...
     { apt-get update && DEBIAN_FRONTEND=noninteractive \
         apt-get install -y --no-install-recommends $packages; } > "$work/install.log" 2>&1 ||
         { tail -n 5 "$work/install.log"; echo "portability: not everything could be installed"; }
-}
-
-# unpack SUITE ARCHITECTURE FOLDER PACKAGE...: Debian packages into a folder, none is installed.
-unpack() {
-    suite=$1 architecture=$2 folder=$3
-    shift 3
-    [ ! -e "$folder/unpacked" ] || return 0
-    has apt-get && has dpkg || return 1
-    site=$(apt-get indextargets --format '$(LABEL) $(REPO_URI)' 'Created-By: Packages' |
-        sed -n 's/^Debian //p' | head -n 1)
-    [ -n "$site" ] || return 1
-    rm -rf "$folder"
-    mkdir -p "$folder/apt/lists/partial" "$folder/apt/archives/partial"
-    keys=/usr/share/keyrings/debian-archive-keyring.gpg
-    if [ -e "$keys" ]; then keys=" signed-by=$keys"; else keys=; fi
-    echo "deb [arch=$architecture$keys] $site $suite main" > "$folder/apt/sources.list"
-    cat > "$folder/apt/apt.conf" << EOF
-Dir::State "$folder/apt";
-Dir::State::status "/dev/null";
-Dir::Cache "$folder/apt";
-Dir::Etc::SourceList "$folder/apt/sources.list";
-Dir::Etc::SourceParts "/dev/null";
-APT::Architecture "$architecture";
-APT::Architectures { "$architecture"; };
-APT::Sandbox::User "root";
-Acquire::Languages "none";
-EOF
-    ( export APT_CONFIG="$folder/apt/apt.conf"
-        cd "$folder/apt"
-        apt-get -qq update && apt-get -qq download "$@" ) > "$folder/apt.log" 2>&1 || return 1
-    for package in "$folder"/apt/*.deb; do
-        dpkg -x "$package" "$folder" || return 1
-        basename "$package" .deb | sed 's/_[^_]*$//; s/_/ /' >> "$folder/versions"
-    done
-    rm -rf "$folder/apt"
-    touch "$folder/unpacked"
 }
 
 # ---- what is run --------------------------------------------------------------------------------
@@ -377,18 +342,8 @@ cross_train() {
     cd "$here/train"
     $rye capture --out cap --size 32 --cameras 3 --frames 3 --test-frames 1 --apart-frames 0 \
         --samples 1 --quiet
-    cat > small.json << 'EOF'
-{"avatar": {"feature": 8, "channels": 8,
-  "networks": {"geometry": [16, 16], "exp_color": [16], "pose_color": [8], "exp_deform": [16, 16],
-    "pose_deform": [8], "exp_attributes": [8], "pose_attributes": [8], "gaze_deform": [8],
-    "gaze_color": [8], "eye_offset": [8]}},
- "grid": {"cell": 0.35},
- "mesh": {"steps": 3, "image_size": 32, "pretrain_steps": 5},
- "gaussians": {"steps": 3, "mouth_points": 20, "eyeball": {"points": 120},
-  "upsampler": {"capacity": 2}}}
-EOF
     for threads in 1 2; do
-        $rye train --capture cap --preset tiny --config small.json --quiet --out "run$threads" \
+        $rye train --capture cap --preset tiny --config "$root/tests/portability/small.json" --quiet --out "run$threads" \
             --threads "$threads"
     done
     cmp run1/checkpoint.safetensors run2/checkpoint.safetensors

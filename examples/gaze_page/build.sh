@@ -1,10 +1,10 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # build.sh [AVATAR [OUT]]: the gaze page as one folder of files, OUT (build/gaze_page), to put on any
-# host: the page, rye as WebAssembly with SIMD, and the avatar file. Without AVATAR, or with "-", the
+# host, or to open from a disk: the page, rye as WebAssembly with SIMD, the avatar file, and these once
+# more in files.js, for browsers read no other files from a disk. Without AVATAR, or with "-", the
 # avatar is left out, and the page asks for a file. Needs emscripten (Debian: apt-get install
-# emscripten), Eigen and xsimd; installs nothing. To look at it:
-#   python3 -m http.server -d build/gaze_page
+# emscripten), Eigen and xsimd; installs nothing.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 root=$here/../..
@@ -56,8 +56,18 @@ for file in index.html style.css page.js worker.js camera.js; do
 done
 rm -f "$out/head.avatar"
 [ "$avatar" = - ] || cp "$avatar" "$out/head.avatar"
+{
+    echo '// SPDX-License-Identifier: Apache-2.0'
+    echo '// files.js: what page.js reads instead of files where it was opened from a disk, as base64.'
+    echo '"use strict";'
+    echo 'window.ryeFiles = {'
+    for file in rye.js worker.js rye.wasm head.avatar; do
+        [ ! -f "$out/$file" ] || printf '"%s": "%s",\n' "$file" "$(base64 < "$out/$file" | tr -d '\n')"
+    done
+    echo '};'
+} > "$out/files.js"
 printf 'gaze page: %s\n' "$out"
-for file in rye.wasm rye.js head.avatar; do
+for file in rye.wasm rye.js head.avatar files.js; do
     [ ! -f "$out/$file" ] || printf '  %s %s bytes, %s compressed\n' "$file" \
         "$(wc -c < "$out/$file")" "$(gzip -9c "$out/$file" | wc -c)"
 done

@@ -6,7 +6,7 @@
 const element = (id) => document.getElementById(id);
 const canvas = element("picture");
 const context = canvas.getContext("2d", { alpha: false });
-const worker = new Worker("worker.js");
+let worker = null;      // from start() on
 const degrees = 180 / Math.PI;
 const clamp = (x, low, high) => Math.min(high, Math.max(low, x));
 
@@ -116,7 +116,7 @@ function notice(text, fault = false) {
     element("notice").classList.toggle("fault", fault);
 }
 
-worker.onmessage = ({ data }) => {
+function hear({ data }) {
     if (data.error) {
         notice(data.error, true);
         state.errors.push(data.error);
@@ -131,11 +131,17 @@ worker.onmessage = ({ data }) => {
     waiting = waiting.filter((w) => w.id > data.id);
     for (const w of done) w.resolve(state.last);
     ask();
-};
-worker.onerror = (fault) => {
-    notice(`The page could not start: ${fault.message || "WebAssembly with SIMD is needed"}`, true);
-    state.errors.push(String(fault.message));
-};
+}
+
+function start(address, wasm = null) {
+    worker = new Worker(address);
+    worker.onmessage = hear;
+    worker.onerror = (fault) => {
+        notice(`The page could not start: ${fault.message || "WebAssembly with SIMD is needed"}`, true);
+        state.errors.push(String(fault.message));
+    };
+    worker.postMessage({ start: wasm });
+}
 
 /// Eyes move to their goal in a few pictures, as eyes do, and end exactly there.
 let lastStep = 0;
@@ -365,15 +371,30 @@ const state = {
 };
 window.gazePage = state;
 
-(async () => {
+/// From a disk, where browsers let a page read no files but scripts: files.js has them.
+async function fromDisk() {
+    if (location.search) throw new Error("an address with ?avatar= needs a web server");
+    const script = document.createElement("script");
+    script.src = "files.js";
+    await new Promise((resolve, reject) => {
+        script.onload = resolve;
+        script.onerror = () => reject(new Error("no file files.js beside the page"));
+        document.head.append(script);
+    });
+    const bytes = (name) => Uint8Array.from(atob(window.ryeFiles[name]), (c) => c.charCodeAt(0));
+    const scripts = new Blob([bytes("rye.js"), "\n", bytes("worker.js")], { type: "text/javascript" });
+    start(URL.createObjectURL(scripts), bytes("rye.wasm").buffer);
+    if (!window.ryeFiles["head.avatar"]) throw new Error("the folder has none");
+    open(bytes("head.avatar").buffer, "head.avatar");
+}
+
+async function fromHost() {
+    start("worker.js");
     const name = new URLSearchParams(location.search).get("avatar") || "head.avatar";
-    try {
-        const answer = await fetch(name);
-        if (!answer.ok) throw new Error(`${name}: ${answer.status} ${answer.statusText}`);
-        open(await answer.arrayBuffer(), name);
-    } catch (fault) {
-        notice(location.protocol === "file:"
-            ? "Browsers load this page from a web server only: python3 -m http.server in its folder."
-            : `No avatar yet (${fault.message}): open a file that \`rye export --out NAME.avatar\` wrote.`);
-    }
-})();
+    const answer = await fetch(name);
+    if (!answer.ok) throw new Error(`${name}: ${answer.status} ${answer.statusText}`);
+    open(await answer.arrayBuffer(), name);
+}
+
+(location.protocol === "file:" ? fromDisk() : fromHost()).catch((fault) =>
+    notice(`No avatar yet (${fault.message}): open a file that \`rye export --out NAME.avatar\` wrote.`));

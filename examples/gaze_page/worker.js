@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // worker.js: rye in a thread of its own, so that the page stays responsive. Messages in:
+//   {start: ArrayBuffer or null}        the first: rye.wasm, or that it is to be read from the host
 //   {open: ArrayBuffer, name}           an avatar file
 //   {draw: {gaze, expression, pose, motion, width, height}, id}   any of these; the rest stays
 // Messages out: {opened: {...}}, {picture: ArrayBuffer, width, height, id, ms, work}, {error: text}.
 "use strict";
 
-importScripts("rye.js");
+// From a disk the page has put rye.js before this.
+if (typeof ryeModule === "undefined") importScripts("rye.js");
 
-let rye = null;
-const ready = ryeModule().then((module) => { rye = module; });
+let rye = null, ready = null;
 
 const floats = (at, count) => Array.from(new Float32Array(rye.HEAPF32.buffer, at, count));
 const write = (at, values) => new Float32Array(rye.HEAPF32.buffer, at, values.length).set(values);
@@ -74,6 +75,8 @@ function draw(wanted) {
 
 onmessage = async ({ data }) => {
     try {
+        if ("start" in data)
+            ready = ryeModule(data.start ? { wasmBinary: data.start } : {}).then((module) => { rye = module; });
         await ready;
         if (data.open) postMessage({ opened: open(data.open, data.name) });
         if (data.draw) {

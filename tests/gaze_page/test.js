@@ -9,6 +9,7 @@ const fs = require("node:fs");
 const os = require("node:os");
 const path = require("node:path");
 const { Browser, serve } = require("../../examples/video_tracker/browser.js");
+const { fromDisk, sum } = require("./from_disk.js");
 
 const [chromium, page, reference, drivers, out] = process.argv.slice(2);
 if (!out) {
@@ -96,6 +97,7 @@ async function main() {
         await b.evaluate(`gazePage.show({ gaze: ${JSON.stringify(gaze)} }, ${facts.w})`);
         const quality = await b.evaluate(psnr(path.basename(reference)));
         figure("PSNR to rye redirect [dB]", quality.toFixed(1), quality >= 45, "at least 45");
+        const served = await b.evaluate(sum);
 
         // A pointer that moves; the eyes take some pictures to arrive.
         const stage = await b.evaluate(`(() => { const r = document.getElementById("picture")
@@ -233,6 +235,13 @@ async function main() {
         figure("errors of the page and of the console", String(b.faults.length + lost.length),
                b.faults.length + lost.length === 0, "0");
         for (const fault of [...b.faults, ...lost]) console.log(`  ${fault}`);
+
+        const disk = await fromDisk(b, page, gaze, facts.w);
+        figure("opened from a disk: first picture [ms]", disk.first.toFixed(0), disk.first < 5000, "below 5000");
+        figure("the same picture", String(disk.sum === served), disk.sum === served, "true");
+        figure("share of its pixels unlike its corner", disk.share.toFixed(3), disk.share > 0.1, "above 0.1");
+        figure("errors of the page and of the console", String(disk.faults.length), disk.faults.length === 0, "0");
+        for (const fault of disk.faults) console.log(`  ${fault}`);
     } finally {
         await b.end();
         server.close();

@@ -9,12 +9,13 @@ git -C "$source" rev-parse HEAD > /dev/null 2>&1 ||
 rm -rf "$work"
 mkdir -p "$work"
 fail() { echo "FAILED: $*" >&2; exit 1; }
-release() { STEPS="source page licences checksums" HEAD='' sh "$source/packaging/release.sh" "$@"; }
+release() { STEPS="source container page licences checksums" HEAD='' sh "$source/packaging/release.sh" "$@"; }
 
 release HEAD "$work/out" > "$work/said.txt" || { cat "$work/said.txt"; fail "release.sh"; }
 grep -q '^not made: page: HEAD names no avatar file' "$work/said.txt" || fail "a page of nothing is not named"
 (cd "$work/out" && sha256sum --check --quiet SHA256SUMS) || fail "the checksums are not of the files"
-[ "$(wc -l < "$work/out/SHA256SUMS")" -ge 2 ] || fail "too few checksums"
+[ "$(wc -l < "$work/out/SHA256SUMS")" -ge 3 ] || fail "too few checksums"
+cmp "$source/packaging/Containerfile" "$work/out/Containerfile" || fail "another container file"
 cmp "$source/LICENSE" "$work/out/licences/rye" || fail "another licence"
 tar -tzf "$work/out"/rye-*.tar.gz > "$work/names.txt"
 grep -q '/include/rye/rye.hpp$' "$work/names.txt" || fail "the source has no headers"
