@@ -5,7 +5,7 @@
 #include <cstddef>
 
 #define RYE_VERSION_MAJOR 0
-#define RYE_VERSION_MINOR 1
+#define RYE_VERSION_MINOR 2
 #define RYE_VERSION_PATCH 0
 
 #if defined(__FAST_MATH__) && !defined(RYE_ALLOW_FAST_MATH)
