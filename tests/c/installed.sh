@@ -12,7 +12,7 @@ lesson=$source/examples/09_draw_from_c.c
 cat > "$work/project/CMakeLists.txt" << EOF
 cmake_minimum_required(VERSION 3.20)
 project(client LANGUAGES C)
-find_package(rye_c 0.1 REQUIRED)
+find_package(rye_c 0.2 REQUIRED)
 add_executable(client $lesson)
 target_link_libraries(client PRIVATE rye::c m)
 EOF
