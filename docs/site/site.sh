@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # site.sh SOURCE OUT: the site as a folder OUT to publish by copying: the guide (README and docs), the
-# lessons, the results, a gallery, and a page for each public name, by Doxygen. OUT is replaced; OUT.work
+# lessons, the results, a gallery, what accuracy costs, and a page for each public name, by Doxygen. OUT is replaced; OUT.work
 # holds what was made on the way. From the environment:
 #   DOXYGEN     the program (default: doxygen)
 #   GAZE_PAGE   a folder that examples/gaze_page/build.sh made, linked as "Live" (default:
@@ -66,6 +66,7 @@ list() { awk -F '\t' '{ printf "- [%s](%s.html)\n", $2, $1 }' "$1"; }
             !/svg/ { printf "\n<a href=\"%s.html\"><img src=\"images/%s\" alt=\"%s\"/></a>\n\n%s.\n", to, $1, $2, $2 }'
     done | awk '/<img/ { split($0, part, "src=\""); skip = seen[part[2]]++ } !skip'
 } > "$work/pages/gallery.md"
+awk -v script="$here/prices.js" -f "$here/prices.awk" docs/results/accuracy.md > "$work/pages/prices.md"
 cp docs/images/* "$out/images/"
 # Files of the project that pages link to, as text.
 [ ! -f "$work/linked.txt" ] || sort -u "$work/linked.txt" | while read -r file; do
@@ -101,6 +102,7 @@ $(tabs "$work/guide.txt")
 $(tabs "$work/results.txt")
 </tab>
 <tab type="user" url="gallery.html" title="Gallery"/>
+<tab type="user" url="prices.html" title="Prices"/>
 $live
 <tab type="usergroup" url="annotated.html" title="Names">
 <tab type="concepts" title="Concepts"/>

@@ -14,7 +14,7 @@ if (!pictures) {
     console.error("visit.js: expected CHROMIUM SITE PICTURES [ALL]");
     process.exit(2);
 }
-const shown = ["index", "guide", "program", "gallery", "lessons", "parts", "results_performance",
+const shown = ["index", "guide", "program", "gallery", "prices", "lessons", "parts", "results_performance",
                "conceptrye_1_1GazeMechanism", "classrye_1_1AvatarTrainer", "concepts", "annotated", "files"];
 
 (async () => {
@@ -49,6 +49,17 @@ const shown = ["index", "guide", "program", "gallery", "lessons", "parts", "resu
                         .then(() => 0, () => 1))).then((x) => x.reduce((a, b) => a + b, 0))`);
                 if (broken) { console.log(`${name}.html: ${broken} pictures do not load`); ++wrong; }
                 if (shown.includes(name)) await browser.screenshot(path.join(pictures, `${name}_${width}.png`));
+            }
+            await visit("prices"); // the slider: what is cheap is found within a wide bound, and nothing within none
+            const says = await browser.evaluate(`["-2.4", "-4", "-14"].map((at) => {
+                const bound = document.getElementById("prices-bound");
+                bound.value = at;
+                bound.dispatchEvent(new Event("input"));
+                return document.getElementById("prices-says").textContent; })`);
+            if (!says[0].startsWith("Balanced:") || !/^[A-Z]|^exp2/.test(says[1]) || says[0] === says[1] ||
+                says[2] !== "No policy is as exact as that.") {
+                console.log(`prices.html: the slider says ${JSON.stringify(says)}`);
+                ++wrong;
             }
             await visit("index");
             await browser.until(`document.getElementById("MSearchField") !== null`, 60000);
