@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // from_disk.js CHROMIUM PAGE PICTURE: opens the folder PAGE, a gaze page with its avatar, as a double click
-// does, writes what is to be seen to PICTURE, and fails if that is no head or if its eyes do not turn.
+// does, writes what is to be seen to PICTURE, and fails if that is empty or if no gaze changes it.
 "use strict";
 
 const path = require("node:path");
@@ -44,7 +44,7 @@ async function main([chromium, page, picture]) {
         const right = await fromDisk(b, page, [0, -0.2, 0, -0.2]);
         const good = left.share > 0.1 && left.sum !== right.sum && left.faults.length + right.faults.length === 0;
         console.log(`${good ? "" : "FAILED: "}first picture after ${left.first} ms, ` +
-                    `${(100 * left.share).toFixed(0)} % of it a head, eyes ` +
+                    `${(100 * left.share).toFixed(0)} % of its pixels unlike its corner, eyes ` +
                     `${left.sum === right.sum ? "that stay" : "that turn"}; faults: ` +
                     `${[...left.faults, ...right.faults].join("; ") || "none"}`);
         process.exitCode = good ? 0 : 1;

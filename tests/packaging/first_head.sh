@@ -1,8 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # first_head.sh ARCHIVE WORK: what one does in the first minutes with the programs of a release: unpacks
-# ARCHIVE in the empty folder WORK, makes a capture, trains an avatar, has its eyes sweep. Needs no more
-# than a minimal system. The last line has seconds, with commas: unpack, capture, train, sweep; then MB:
+# ARCHIVE in the new folder WORK, makes a capture, trains an avatar, draws a sheet of its gazes and four
+# seconds of a face that moves. Needs no more than a minimal system. The last line has seconds, with
+# commas: unpack, capture, train, sheet, moving picture; then MB:
 # of the archive, unpacked, and of what was made; and the bytes of the picture that moves.
 set -eu
 archive=$(readlink -f "$1")
@@ -22,6 +23,7 @@ rye=programs/rye
 $rye --version
 timed $rye capture --out capture
 timed $rye train --capture capture --preset tiny --out run
-timed $rye redirect --run run --sweep --out sweep.apng
-grep -aq acTL sweep.apng || { echo "first_head.sh: sweep.apng does not move" >&2; exit 1; }
-echo "$times$(megabytes "$archive"),$(megabytes programs),$(megabytes capture run sweep.apng),$(wc -c < sweep.apng)"
+timed $rye redirect --run run --sweep --out sweep.png
+timed $rye redirect --run run --idle 4 --out live.apng
+grep -aq acTL live.apng || { echo "first_head.sh: live.apng does not move" >&2; exit 1; }
+echo "$times$(megabytes "$archive"),$(megabytes programs),$(megabytes capture run sweep.png live.apng),$(wc -c < live.apng)"

@@ -15,8 +15,8 @@ shift 2
 [ $# -gt 0 ] || set -- bullseye bookworm trixie jammy noble
 : > "$work/skipped"
 failed=0
-echo "| system | unpack | capture | train | sweep | together | archive | unpacked | made | moving picture |"
-echo "|---|---|---|---|---|---|---|---|---|---|"
+echo "| system | unpack | capture | train | sheet of gazes | 4 s that move | together | archive | unpacked | made | moving picture |"
+echo "|---|---|---|---|---|---|---|---|---|---|---|"
 for suite; do
     status=0
     # shellcheck disable=SC2016 # for the shell in there
@@ -30,8 +30,8 @@ for suite; do
         failed=1
     else
         { head -n 1 "$work/$suite.minutes"; tail -n 1 "$work/$suite.minutes"; } | paste -sd , |
-            awk -F, '{ printf "| %s | %s s | %s s | %s s | %s s | %.0f s | %s MB | %s MB | %s MB | %.1f MB |\n",
-                $1, $2, $3, $4, $5, $2 + $3 + $4 + $5, $6, $7, $8, $9 / 1e6 }'
+            awk -F, '{ printf "| %s | %s s | %s s | %s s | %s s | %s s | %.0f s | %s MB | %s MB | %s MB | %.1f MB |\n",
+                $1, $2, $3, $4, $5, $6, $2 + $3 + $4 + $5 + $6, $7, $8, $9, $10 / 1e6 }'
     fi
 done
 cat "$work/skipped"
