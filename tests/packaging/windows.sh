@@ -3,7 +3,8 @@
 # windows.sh SOURCE WORK: makes the archive of packaging/windows.sh and runs its rye.exe by wine: a
 # capture, a training, pictures, measurements and files of a head, in a folder whose name has spaces
 # and letters beyond ASCII; wrong words; a training that is killed and goes on. With the program of
-# Linux for the same instructions it compares files. RYE names that program; otherwise it is built.
+# Linux for the same instructions it compares files. RYE of the environment names that program, and
+# MADE a folder with the archive; otherwise they are built.
 # Ends with 77, and a sentence, where a tool is missing.
 set -eu
 source=$1 work=$2
@@ -13,10 +14,13 @@ work=$(cd "$work" && pwd)
 for tool in wine:wine unzip:unzip; do
     command -v "${tool%%:*}" > /dev/null || { echo "missing, by the name of its Debian package: ${tool##*:}"; exit 77; }
 done
-status=0
-WORK="$work/build" sh "$source/packaging/windows.sh" "$work/out" > "$work/made.txt" 2>&1 || status=$?
-[ $status = 0 ] || { tail -n 20 "$work/made.txt"; exit $status; }
-cat "$work/made.txt"
+made=${MADE:-$work/out}
+if [ -z "${MADE:-}" ]; then
+    status=0
+    WORK="$work/build" sh "$source/packaging/windows.sh" "$made" > "$work/made.txt" 2>&1 || status=$?
+    [ $status = 0 ] || { tail -n 20 "$work/made.txt"; exit $status; }
+    cat "$work/made.txt"
+fi
 linux=${RYE:-$work/linux/rye}
 if [ -z "${RYE:-}" ]; then
     . "$source/cmake/steps.sh"
@@ -28,7 +32,7 @@ fi
 
 # ---- the archive ---------------------------------------------------------------------------------
 rm -rf "$work/unpacked" "$work/run"
-unzip -q "$work/out"/rye-*-windows-x86_64.zip -d "$work/unpacked"
+unzip -q "$made"/rye-*-windows-x86_64.zip -d "$work/unpacked"
 cd "$work/unpacked"/rye-*
 cmp LICENSE "$source/LICENSE" || fail "another licence"
 [ "$(find licences -type f -size +0 | wc -l)" -ge 9 ] || fail "too few licences"
@@ -47,7 +51,7 @@ refused() {
     status=0
     wine "$exe" "$@" > "$work/said.txt" 2>&1 || status=$?
     [ "$status" = "$code" ] || fail "rye $*: code $status, expected $code"
-    grep -qF "$words" "$work/said.txt" || { cat "$work/said.txt"; fail "rye $*: expected the words: $words"; }
+    grep -qF -e "$words" "$work/said.txt" || { cat "$work/said.txt"; fail "rye $*: expected the words: $words"; }
 }
 
 # ---- all of a head -------------------------------------------------------------------------------
@@ -90,7 +94,7 @@ if grep -lr "$(printf '\r')$" --include='*.json' --include='*.jsonl' .; then fai
 
 # ---- beside the files of Linux -------------------------------------------------------------------
 same() { if cmp -s "$1" "$2"; then echo "$3: the same bits as on Linux"; else echo "$3: other bits than on Linux"; fi; }
-others=$(diff -rq linux "köpf 1" | wc -l)
+others=$(diff -rq linux "köpf 1" | grep -c . || true)
 echo "capture: $others of $(find linux -type f | wc -l) files have other bits than on Linux"
 same "run 1/checkpoint.safetensors" "run linux/checkpoint.safetensors" "checkpoint"
 cmp "run 1/config.json" "run linux/config.json" || fail "another config.json"
@@ -101,7 +105,7 @@ same measured/results.json "measured linux/results.json" "results of evaluate"
 
 # ---- what goes wrong -----------------------------------------------------------------------------
 refused 2 "no_such' is no command" no_such
-refused 2 "nirgends é" info "nirgends é"
+refused 1 "nirgends é" info "nirgends é"
 refused 2 "--steps" train --capture "köpf 1" --out x --stps 3
 refused 2 "exists already; --overwrite replaces it" capture --out "köpf 1"
 refused 2 "/no" train --capture /no/such --out x
@@ -126,7 +130,7 @@ go_on() { # OUT WORDS
 }
 begin killed
 refused 2 "is in use by rye train, process" train --capture "köpf 1" --out killed --resume
-wineserver -k9
+kill -9 $running
 wait $running 2> /dev/null || true
 go_on killed "that was killed"
 begin stopped
@@ -139,7 +143,7 @@ go_on stopped "that was stopped"
 wine "$exe" capture --out half --size 256 --quiet 2> "$work/errors.txt" &
 running=$!
 sleep 3
-wineserver -k9
+kill -9 $running
 wait $running 2> /dev/null || true
 [ ! -e half ] || fail "a capture that was killed is there"
 # shellcheck disable=SC2086 # several words
