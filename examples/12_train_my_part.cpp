@@ -39,7 +39,7 @@ int main(int count, char** arguments) try {
     auto avatar = initialize_avatar<float>(backend, mesh, config, init, Random{3, 0});
     Adam<decltype(avatar)> adam(avatar);
     AvatarTrainer trainer{backend, avatar, adam, AvatarTraining<>{config, subject.roles}};
-    const auto loss = [&](int step, double rate) { // before a step on the next camera; x all rates
+    const auto loss = [&](int step, double rate) { // before a step on the next camera
         const FrameCamera view{capture.train[0], step % capture.camera_count()};
         const auto s = avatar_sample(capture, {1, config.channels}, view);
         return trainer.step(restricted<Mine>(s.drivers), s, rate).losses.total;

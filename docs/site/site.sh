@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # site.sh SOURCE OUT: the site as a folder OUT to publish by copying: the guide (README and docs), the
-# lessons, the results, a gallery, what accuracy costs, and a page for each public name, by Doxygen. OUT is replaced; OUT.work
-# holds what was made on the way. From the environment:
+# lessons, the results, a gallery, what accuracy costs, and a page for each public name, by Doxygen. OUT is
+# replaced; OUT.work holds what was made on the way. From the environment:
 #   DOXYGEN     the program (default: doxygen)
 #   GAZE_PAGE   a folder that examples/gaze_page/build.sh made, linked as "Live" (default:
 #               SOURCE/build/gaze_page, where that exists)

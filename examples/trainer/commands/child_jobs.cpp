@@ -23,7 +23,7 @@ using Clock = std::chrono::steady_clock;
 volatile std::sig_atomic_t stop_signal = 0;
 void note_stop(int signal) {
     stop_signal = signal;
-    std::signal(signal, note_stop); // not everywhere is it kept
+    std::signal(signal, note_stop); // some systems drop it after one signal
 }
 
 /// Recorder of the signals that ask to stop, which are noted instead of obeyed during its life.

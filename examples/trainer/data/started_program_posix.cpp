@@ -159,7 +159,8 @@ std::vector<fs::path> program_folders() {
 
 std::optional<fs::path> program_in(const fs::path& folder, const std::string& name) {
     const fs::path file = folder / name;
-    if (fs::is_regular_file(file) && ::access(file.c_str(), X_OK) == 0) return file;
+    std::error_code ignored; // a folder of PATH may be closed to this user
+    if (fs::is_regular_file(file, ignored) && ::access(file.c_str(), X_OK) == 0) return file;
     return std::nullopt;
 }
 
