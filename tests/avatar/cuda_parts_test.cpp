@@ -28,7 +28,7 @@ TEST_CASE("cuda, emulated: driven features and shading are the host's") {
     c.column = 1;
     avatar_against_host<Wide>(EmulatedDevice{PhaseOrder::shuffled}, host_queue, c);
     avatar_again<Wide>(EmulatedDevice{}, host_queue, c);
-    avatar_against_host<Wide>(EmulatedDevice{}, host_queue, with_corrected_gazes(c));
+    avatar_against_host<Wide>(EmulatedDevice{}, host_queue, with_corrections(c));
     c.avatar.shading = {};
     c.avatar.eyes.networks[0] = {};
     avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);

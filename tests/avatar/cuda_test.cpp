@@ -35,14 +35,14 @@ TEST_CASE("cuda, emulated: an avatar of every effect is the host's") {
     avatar_against_host<Fine>(EmulatedDevice{PhaseOrder::backward}, host_queue, c);
 }
 TEST_CASE("cuda, emulated: corrected gazes are the host's") {
-    const AvatarCase<AllEffects> c = with_corrected_gazes(case_of_all());
+    const AvatarCase<AllEffects> c = with_corrections(case_of_all());
     avatar_against_host<Fine>(EmulatedDevice{}, host_queue, c);
     avatar_again<Fine>(EmulatedDevice{PhaseOrder::shuffled}, host_queue, c);
     avatar_by_gaze<Fine>(EmulatedDevice{}, host_queue, c);
     // Without a head pose to correct, and of one eye.
     avatar_against_host<Fine>(
         EmulatedDevice{}, host_queue,
-        with_corrected_gazes(case_of<Effects<Expression, LeftGaze, Kappa>>()));
+        with_corrections(case_of<Effects<Expression, LeftGaze, Kappa>>()));
     AvatarCase<AllEffects> none = c; // of a frame without corrections
     none.column = -1;
     avatar_against_host<Fine>(EmulatedDevice{}, host_queue, none);

@@ -34,6 +34,7 @@ struct AvatarCase {
     TwoStream<float, E> avatar;
     Drivers<float, E> drivers;
     Index column = -1; ///< of delta_pose
+    SeenBy<float> view = {};
 
     AvatarCase(const TwoStream<double, E>& a, const Drivers<double, E>& d)
         : avatar(lifted<float>(a)),
@@ -129,7 +130,7 @@ DrivenOnDevice<E> drive_on(const Device& device, const CudaQueue& queue, const A
     DeviceTwoStream<E, Device, Networks> avatar(device, queue, {c.avatar, c.config, c.roles});
     send_cloud(device, queue, nothing_yet(avatar.cloud().count(), c.config.channels),
                avatar.cloud());
-    avatar.set_drivers(queue, c.drivers, c.column);
+    avatar.set_drivers(queue, c.drivers, c.column, c.view);
     do {
         avatar.drive_into(queue);
     } while (!avatar.finish(queue));
@@ -172,12 +173,13 @@ void avatar_against_host(const Device& device, const CudaQueue& queue, const Ava
     }
     const ScalarBackend<Serial> host;
     TwoStreamTrace<double, E> trace;
-    drive(host, avatar, {c.config, c.roles, drivers}, trace);
+    const SeenBy<double> view{c.view.column, c.view.pivot.template cast<double>()};
+    drive(host, avatar, {c.config, c.roles, drivers, view}, trace);
     CHECK(relative(found.cloud, trace.gaussians) < bounds.cloud);
     TwoStream<double, E> gradient = zeros_like(avatar);
     Gaussians<double> g = converted<double>(cotangent);
     const Vec<double, 6> g_pose =
-        drive_vjp(host, avatar, {c.config, c.roles, drivers}, trace, {g, gradient});
+        drive_vjp(host, avatar, {c.config, c.roles, drivers, view}, trace, {g, gradient});
     if constexpr (has_effect<E, ReadsHeadPose>) {
         CHECK(relative(found.pose, Columns<double>(g_pose)) < bounds.gradient);
         if (c.column >= 0) gradient.delta_pose.col(c.column) += g_pose;
@@ -187,6 +189,8 @@ void avatar_against_host(const Device& device, const CudaQueue& queue, const Ava
             gradient.delta_gaze.col(c.column) = gradient.eyes.kappa.reshaped();
             CHECK(!gradient.delta_gaze.col(c.column).isZero(0));
         }
+    if constexpr (has_effect<E, HeadPose>)
+        if (view.column >= 0) CHECK(!gradient.delta_view.col(view.column).isZero(0));
     CHECK(gradients_apart(found.gradient, gradient, bounds.gradient) == "");
     if constexpr (has_effect<E, FaceDrivers>) { // some points move, and some do not
         bool some_rest = false;
@@ -200,11 +204,16 @@ void avatar_against_host(const Device& device, const CudaQueue& queue, const Ava
     }
 }
 
-/// The case with corrections of the gazes of two frames, of which it shows the second.
+/// The case with corrections of the gazes of two frames, of which it shows the second, and of three
+/// cameras, of which it is seen by the third.
 template <EffectSet E>
-AvatarCase<E> with_corrected_gazes(AvatarCase<E> c) {
+AvatarCase<E> with_corrections(AvatarCase<E> c) {
     c.avatar.delta_gaze = 0.1F * noise<float>(4, 2, 51);
     c.column = 1;
+    if constexpr (has_effect<E, HeadPose>) {
+        c.avatar.delta_view = 0.05F * noise<float>(6, 3, 53);
+        c.view = {2, Vec3<float>(0.3F, -0.2F, 0.5F)};
+    }
     return c;
 }
 
@@ -246,7 +255,7 @@ void avatar_again(const Device& device, const CudaQueue& queue, const AvatarCase
     CHECK(avatar.finish(queue));
     const Gaussians<float> before = fetch_cloud(device, queue, avatar.cloud());
     CHECK(!(before.mean == first.cloud.mean));
-    avatar.set_drivers(queue, c.drivers, c.column);
+    avatar.set_drivers(queue, c.drivers, c.column, c.view);
     avatar.redrive_into(queue);
     CHECK(same_cloud(fetch_cloud(device, queue, avatar.cloud()), first.cloud));
 }
@@ -396,6 +405,8 @@ void avatar_bad_input(const Device& device, const CudaQueue& queue, const Avatar
     drivers.gaze[0].setZero();
     CHECK_FAULT(avatar.set_drivers(queue, drivers), "expected a finite direction");
     CHECK_FAULT(avatar.set_drivers(queue, c.drivers, 2), "column of delta_pose is 2");
+    CHECK_FAULT(avatar.set_drivers(queue, c.drivers, 0, {0, {}}),
+                "column of delta_view is 0, expected -1 to -1");
     // A gaze that a kernel wrote.
     avatar.set_drivers(queue, c.drivers);
     const float bad[3] = {0, std::numeric_limits<float>::quiet_NaN(), 1};
@@ -410,7 +421,7 @@ void avatar_bad_input(const Device& device, const CudaQueue& queue, const Avatar
     wrong.avatar.delta_gaze = Columns<float>::Zero(4, 3);
     CHECK_FAULT(Avatar(device, queue, {wrong.avatar, wrong.config, wrong.roles}),
                 "delta_gaze is 4 x 3, expected 4 x 2");
-    CHECK_FAULT(avatar.upload(queue, with_corrected_gazes(c).avatar), "not the layout's field");
+    CHECK_FAULT(avatar.upload(queue, with_corrections(c).avatar), "not the layout's field");
     wrong = c;
     wrong.config.exp_near = 2;
     CHECK_FAULT(Avatar(device, queue, {wrong.avatar, wrong.config, wrong.roles}), "Ramp");

@@ -117,7 +117,7 @@ TEST_CASE("device: gaze mechanisms, driven features and shading are the host's")
     avatar_again<Wide>(CudaDevice(), queue(), c);
 }
 TEST_CASE("device: corrected gazes are the host's") {
-    const AvatarCase<AllEffects> c = with_corrected_gazes(case_of_all());
+    const AvatarCase<AllEffects> c = with_corrections(case_of_all());
     avatar_against_host<Fine>(CudaDevice(), queue(), c);
     avatar_again<Fine>(CudaDevice(), queue(), c);
 }

@@ -19,7 +19,7 @@ namespace rye::test {
 struct StepCase {
     bool measured = true; ///< losses as the preset `cpu` has them, else the paper's
     bool scaled = true;
-    bool corrected = false;      ///< gazes of frames, and all corrections centred
+    bool corrected = false;      ///< gazes of frames and cameras, and all corrections centred
     int width = 18, height = 14; ///< of the render [px]
     double gradient = 1e-5;      ///< relative error of the first one
 };
@@ -56,12 +56,17 @@ struct StepSceneOf {
                 avatar.delta_gaze = 0.05 * noise<double>(4, avatar.delta_pose.cols(), 52);
                 training.rates.delta_gaze = 1e-3;
                 training.centred_corrections = true;
+                if constexpr (has_effect<E, HeadPose>) {
+                    avatar.delta_view = 0.05 * noise<double>(6, 2, 54);
+                    training.rates.delta_view = 1e-3;
+                }
             }
         for (std::uint64_t v = 0; v < 3; ++v) {
             TrainingView view;
             view.camera = tiny_camera(c.width, c.height).template cast<float>();
             view.camera.cx += static_cast<float>(v);
             view.frame = static_cast<Index>(v) - 1;
+            view.view = {static_cast<Index>(v % 2), Vec3<float>(0.3F, -0.2F, 0.5F)};
             view.width = factor * c.width, view.height = factor * c.height;
             const auto bytes = [&](int channels, std::uint64_t seed) {
                 const Image<float> p =
@@ -106,6 +111,7 @@ struct StepSceneOf {
         AvatarSample<double, E> s;
         s.drivers = drivers[static_cast<std::size_t>(d.view)];
         s.frame = v.frame;
+        s.view = {v.view.column, v.view.pivot.template cast<double>()};
         s.camera = v.camera.template cast<double>();
         s.truth = Image<double>(v.width, v.height, 3);
         s.visible.resize(1, full), s.eyes.resize(1, full);
@@ -254,6 +260,11 @@ void steps_against_host(const Device& device, const CudaQueue& queue, const Step
             CHECK(!own.avatar.delta_gaze.isZero(1e-3F));
             CHECK(relative(own.avatar.delta_gaze, avatar.delta_gaze) <= 1e-3);
             CHECK(relative(own.avatar.delta_pose, avatar.delta_pose) <= 1e-3);
+            if constexpr (has_effect<E, HeadPose>) {
+                CHECK((centred(own.avatar.delta_view) && centred(avatar.delta_view)));
+                CHECK(!own.avatar.delta_view.isZero(1e-3F));
+                CHECK(relative(own.avatar.delta_view, avatar.delta_view) <= 1e-3);
+            }
         }
 }
 

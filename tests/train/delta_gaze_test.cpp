@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Corrections of tracked gazes (TwoStream::delta_gaze) that a training of stage 2 makes.
-#include <rye/avatar/hold.hpp>
-#include <rye/avatar/trained.hpp>
 #include <rye/splat/lanes.hpp>
 #include <rye/train/avatar_trainer.hpp>
 
@@ -10,8 +8,8 @@
 #include <limits>
 #include <utility>
 
+#include "../support/corrected_avatar.hpp"
 #include "../support/hostile.hpp"
-#include "../support/tiny_sample.hpp"
 
 using namespace rye;
 using namespace rye::test;
@@ -21,27 +19,6 @@ namespace {
 template <class T>
 using Avatar = TrainedAvatar<T>;
 
-/// The tiny avatar with driven eyes, kappa, and a correction for each of its frames.
-Avatar<double> corrected_avatar() {
-    Draw draw{{3, 3}};
-    Avatar<double> a = restricted<TrainedEffects>(tiny_avatar(tiny_config(), draw));
-    a.eyes.kappa = Columns<double>::Constant(2, 2, 0.03);
-    a.delta_gaze = draw.columns(4, a.delta_pose.cols(), 0.05);
-    const AppearanceSizes sizes =
-        appearance_sizes<TrainedEffects>(tiny_config(), a.eyes.position.cols());
-    for (Mlp<double>& mlp : a.eyes.networks)
-        mlp = Mlp<double>::init(DrivenFeatures::shape(sizes), Random{9, draw.next++});
-    return a;
-}
-
-AvatarTraining<> training() {
-    AvatarTraining<> t;
-    t.config = tiny_config();
-    t.roles = tiny_roles();
-    t.objective.weights.eye_smooth = 0;
-    return t;
-}
-
 } // namespace
 
 TEST_CASE("corrected gazes: their gradient is the transpose of their duals") {
@@ -50,7 +27,7 @@ TEST_CASE("corrected gazes: their gradient is the transpose of their duals") {
     const auto sample = tiny_sample<double, TrainedEffects>(Draw{{9, 0}});
     Avatar<double> own = avatar, gradient = zeros_like(avatar);
     Adam<Avatar<double>> adam(own);
-    AvatarTrainer trainer{ScalarBackend<>{}, own, adam, training()};
+    AvatarTrainer trainer{ScalarBackend<>{}, own, adam, training_of_corrections()};
     trainer.losses(sample.drivers, sample);
     trainer.add_gradient(sample.drivers, sample, gradient);
     Draw draw{{4, 1}};
@@ -59,7 +36,7 @@ TEST_CASE("corrected gazes: their gradient is the transpose of their duals") {
     for (Index i = 0; i < direction.size(); ++i)
         dual.delta_gaze.data()[i].d[0] = direction.data()[i];
     Adam<Avatar<D>> dual_adam(dual);
-    AvatarTrainer dual_trainer{ScalarBackend<>{}, dual, dual_adam, training()};
+    AvatarTrainer dual_trainer{ScalarBackend<>{}, dual, dual_adam, training_of_corrections()};
     const auto dual_sample = tiny_sample<D, TrainedEffects>(Draw{{9, 0}});
     const double by_dual = dual_trainer.losses(dual_sample.drivers, dual_sample).total.d[0];
     const double by_vjp = gradient.delta_gaze.cwiseProduct(direction).sum();
@@ -75,7 +52,7 @@ TEST_CASE("corrections: what frames have in common is taken off by steps that ar
     const auto sample = tiny_sample<double, TrainedEffects>(Draw{{9, 0}});
     for (const bool poses : {false, true}) {
         CAPTURE(poses);
-        AvatarTraining<> t = training();
+        AvatarTraining<> t = training_of_corrections();
         t.centred_corrections = poses;
         t.rates.delta_gaze = 1e-4;
         Avatar<double> avatar = corrected_avatar();
@@ -98,11 +75,11 @@ TEST_CASE("corrections: what frames have in common is taken off by steps that ar
     Avatar<double> wrong = corrected_avatar();
     Adam<Avatar<double>> adam(wrong);
     wrong.eyes.kappa.resize(0, 0);
-    CHECK_FAULT((AvatarTrainer{ScalarBackend<>{}, wrong, adam, training()}),
+    CHECK_FAULT((AvatarTrainer{ScalarBackend<>{}, wrong, adam, training_of_corrections()}),
                 "delta_gaze needs a kappa");
     wrong = corrected_avatar();
     wrong.delta_gaze.resize(4, 3);
-    CHECK_FAULT((AvatarTrainer{ScalarBackend<>{}, wrong, adam, training()}),
+    CHECK_FAULT((AvatarTrainer{ScalarBackend<>{}, wrong, adam, training_of_corrections()}),
                 "delta_gaze is 4 x 3, expected 4 x 2");
 }
 
@@ -122,22 +99,9 @@ TEST_CASE("corrected gazes: wrong labels come back, and their mean over frames s
     };
     const Index frames = truth.delta_pose.cols();
     std::vector<AvatarSample<float, TrainedEffects>> samples;
-    TwoStreamTrace<float, TrainedEffects> trace;
     for (Index f = 0; f < frames; ++f) {
         auto s = at(f);
-        drive(backend, truth, {tiny_config(), tiny_roles(), s.drivers}, trace);
-        const VecX<float> white = s.background;
-        const auto small = Rasterizer<FeaturesOnly<Balanced>>{}
-                               .forward(backend, trace.gaussians, s.camera, white)
-                               .feature;
-        s.truth_small = Image<float>(small.width, small.height, 3);
-        s.truth_small.pixels = small.pixels.topRows(3);
-        const Index pixels = s.truth_small.size();
-        s.visible_small = s.mask_small = s.eyes_small = Columns<float>::Ones(1, pixels);
-        const Image<float> high = upsampler_forward(backend, truth.upsampler, small, nullptr);
-        s.truth = high;
-        s.visible = s.eyes = Columns<float>::Ones(1, high.size());
-        s.scale = {};
+        draw_truth(truth, s);
         samples.push_back(s);
     }
     // Labels that are off by up to 4 degrees, their errors 0 on average.
@@ -147,16 +111,7 @@ TEST_CASE("corrected gazes: wrong labels come back, and their mean over frames s
     error.colwise() -= error.rowwise().mean().eval();
     Avatar<float> avatar = truth;
     Adam<Avatar<float>> adam(avatar);
-    AvatarTraining<> t = training();
-    // Terms that the true gazes make smallest; those of the blank and of the eyes alone ask the
-    // face and the eyes for more, where all of the picture counts as eyes.
-    AvatarLossConfig& w = t.objective.weights;
-    w.dssim = w.blank = w.eye_low = w.eye_high = 0;
-    for (double* r : {&t.rates.upsampler, &t.rates.networks, &t.rates.opacity, &t.rates.scale,
-                      &t.rates.position, &t.rates.feature, &t.rates.rotation, &t.rates.delta_pose,
-                      &t.rates.eye_feature, &t.rates.eye_offset, &t.rates.kappa, &t.rates.shading,
-                      &t.rates.deform})
-        *r = 0;
+    AvatarTraining<> t = training_of_nothing();
     t.rates.delta_gaze = 3e-3;
     AvatarTrainer trainer{backend, avatar, adam, t};
     const auto labelled = [&](Index frame) {

@@ -460,6 +460,9 @@ void check_resumed(const TrainOptions& o, const TrainState& state, const Capture
     }
     require(state.train_frames == capture.train, who,
             "its training frames differ from those this run began with");
+    const Index views = state.avatar.delta_view.cols();
+    require(views == 0 || views == capture.camera_count(), who, "got ", capture.camera_count(),
+            " cameras, expected ", views, ", as this run corrects");
     require_same_subject(state, capture);
     const Index landmarks = frame_landmarks(capture, capture.train.front()).cols();
     require(landmarks == state.subject.neutral.cols(), who, "got ", landmarks,
@@ -478,6 +481,7 @@ TrainState first_state(const TrainConfig& config, const Capture& capture,
     state.capture = folder.string();
     state.subject = describe_subject(capture, state.config);
     state.train_frames = capture.train;
+    state.cameras = capture.camera_count();
     return state;
 }
 
@@ -525,10 +529,12 @@ Start read_start(const TrainOptions& o) {
     correct(config, s);
     if (o.resume) {
         check_resumed(o, s.state, s.capture);
+        s.state.cameras = s.capture.camera_count();
         return s;
     }
     s.state = first_state(config, s.capture, folder);
     s.words.push_back(refine_further(s.labels, s.state.config));
+    s.words.push_back(refine_further(s.cameras, s.state.config));
     s.words.push_back(flatten_for_one_camera(s.capture, s.state.config));
     if (config.gaussians.auto_doublings)
         s.words.push_back(words_of_doublings(s.state.config, s.capture));

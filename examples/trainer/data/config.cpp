@@ -164,6 +164,7 @@ void walk(F& f, TrainConfig& c) {
             f("eye_offset", g.rates.eye_offset, rate);
             f("kappa", g.rates.kappa, rate);
             f("delta_gaze", g.rates.delta_gaze, rate);
+            f("delta_view", g.rates.delta_view, rate);
             f("shading", g.rates.shading, rate);
         });
         f("centre_corrections", g.centre_corrections);

@@ -378,4 +378,37 @@ CameraFindings correct_cameras(Capture& capture, const TrainConfig& config) {
     return CameraCorrector(capture, config).take();
 }
 
+std::string refine_further(const CameraFindings& findings, TrainConfig& config) {
+    const bool wrong = std::any_of(findings.all.begin(), findings.all.end(),
+                                   [](const CameraFinding& f) { return f.wrong; });
+    double& rate = config.gaussians.rates.delta_view;
+    if (!wrong || rate > 0 || config.gaze_mechanism != GazeMechanismName::rotation) return {};
+    rate = 3e-4;
+    return "stage 2 goes on refining the poses of cameras";
+}
+
+std::vector<CorrectedCamera> trained_cameras(const Capture& capture,
+                                             const Columns<float>& delta_view) {
+    if (delta_view.size() == 0) return capture.corrected_cameras;
+    std::vector<CorrectedCamera> all;
+    const auto of_picture = [&](int f, int k) {
+        const Pinhole<double> now = capture.camera(f, k);
+        const std::string& name = capture.camera_ids[static_cast<std::size_t>(k)];
+        CorrectedCamera c{name, now, now};
+        for (const CorrectedCamera& before : capture.corrected_cameras)
+            if (before.camera == name && same_numbers(before.right, now)) c.wrong = before.wrong;
+        const auto same = [&](const CorrectedCamera& a) {
+            return a.camera == name && same_numbers(a.wrong, c.wrong);
+        };
+        if (std::any_of(all.begin(), all.end(), same)) return;
+        c.right = seen_camera<double>(now, delta_view.col(k).cast<double>(),
+                                      seen_by(capture, k).pivot.cast<double>());
+        all.push_back(c);
+    };
+    for (int k = 0; k < capture.camera_count(); ++k)
+        for (const int f : capture.train)
+            if (capture.view(f, k).present) of_picture(f, k);
+    return all;
+}
+
 } // namespace rye::trainer

@@ -83,6 +83,7 @@ TrainingView training_view(const Capture& capture, const TrainConfig& config, in
     TrainingView v;
     v.camera = reduced(capture.camera(frame, camera).cast<float>(), factor);
     v.frame = place == capture.train.end() ? -1 : place - capture.train.begin();
+    v.view = seen_by(capture, camera);
     const Image<float> rgb = extended(capture.image(frame, camera), factor);
     v.width = rgb.width;
     v.height = rgb.height;

@@ -385,6 +385,13 @@ TrainState state_of(const Safetensors& file, const std::string& who) {
         } else {
             // Angles of 0 change no bit and are kept with their moments.
             if (file.has("avatar.eyes.kappa")) avatar.eyes.kappa = Columns<float>::Zero(2, 2);
+            if (const char* const views = "avatar.delta_views"; file.has(views)) {
+                const std::vector<Index>& got = file.at(views).shape;
+                require(got.size() == 2 && got[0] > 0 && got[1] == 6, who,
+                        std::string("tensor '") + views + "': got shape " + shape_text(got) +
+                            ", expected (cameras, 6)");
+                avatar.delta_view = Columns<float>::Zero(6, got[0]);
+            }
             s.avatar = std::move(avatar);
             load_avatar(file, word, s, s.avatar, s.avatar_adam);
         }

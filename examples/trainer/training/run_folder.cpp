@@ -15,6 +15,7 @@
 #include "data/corrected_cameras.hpp"
 #include "data/picture.hpp"
 #include "data/run_frames.hpp"
+#include "training/cameras.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -97,8 +98,13 @@ void RunFolder::write_inputs(const TrainState& state) const {
         save_frames(folder_, *capture_);
     else
         fs::remove(frames_path(folder_), ignored); // of an earlier run
-    save_corrected_cameras(
-        folder_, capture_ != nullptr ? capture_->corrected_cameras : std::vector<CorrectedCamera>());
+    save_cameras(state);
+}
+
+void RunFolder::save_cameras(const TrainState& state) const {
+    std::vector<CorrectedCamera> all;
+    if (capture_ != nullptr) all = trained_cameras(*capture_, state.avatar.delta_view);
+    save_corrected_cameras(folder_, all);
 }
 
 void RunFolder::open_log(const std::string& lines) {
@@ -150,7 +156,10 @@ void RunFolder::save(const TrainState& state) {
                                    folder_.string() + " --resume`"
                                 : "; there is no checkpoint before it"));
     }
-    if (!replacing_) return; // no write then: log() may read it meanwhile
+    if (!replacing_) { // log() may read `replacing_` meanwhile, so it is not written
+        if (state.avatar.delta_view.size() > 0) save_cameras(state);
+        return;
+    }
     replacing_ = false;
     replace_old_run(state);
 }

@@ -48,6 +48,8 @@ class RunFolder {
 
   private:
     void write_inputs(const TrainState& state) const;
+    /// Writes cameras.json: the corrected cameras, as the training has corrected them further.
+    void save_cameras(const TrainState& state) const;
     void open_log(const std::string& lines);
     void append(const std::string& text);
     void replace_old_run(const TrainState& state);

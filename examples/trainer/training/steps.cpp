@@ -97,6 +97,8 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
         normals = face_points(train_backend(), state.mesh, config.avatar, init,
                               seed_of(state).fork(4)).normals();
     begin_parts(state.avatar, config, normals, seed_of(state).fork(11));
+    if (config.gaze_mechanism == GazeMechanismName::rotation && config.gaussians.rates.delta_view > 0)
+        state.avatar.delta_view = Columns<float>::Zero(6, state.cameras);
     if (config.gaze_mechanism != GazeMechanismName::rotation) {
         ComparedTraining& t = state.compared.emplace();
         t.avatar = compared_avatar(state.avatar, config, normals, seed_of(state).fork(10));

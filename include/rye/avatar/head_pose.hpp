@@ -40,6 +40,23 @@ HeadTransform<T> head_transform(const Drivers<T, E>& drivers) {
     return head_transform<T>(drivers.pose, drivers.scale);
 }
 
+/// The column of TwoStream::delta_view that moves a picture's head, -1 for none, and the point that
+/// it is turned about [world].
+template <class T>
+struct SeenBy {
+    Index column = -1;
+    Vec3<T> pivot = Vec3<T>::Zero();
+};
+
+/// The head as a picture shows it: turned about the pivot, then moved, by `view`, which is the
+/// head_transform of a column of TwoStream::delta_view.
+template <class T>
+RYE_HD HeadTransform<T> seen_head(const HeadTransform<T>& view, const Vec3<T>& pivot,
+                                  const HeadTransform<T>& head) {
+    return {view.rotation * head.rotation, quat_product<T>(view.quaternion, head.quaternion),
+            view.rotation * (head.translation - pivot) + pivot + view.translation, head.scale};
+}
+
 /// One Gaussian's mean in the world; `scaled`: the head's scale times its rotation.
 template <class T>
 RYE_HD Vec3<T> mean_to_world(const HeadTransform<T>& head, const Mat3<T>& scaled,
@@ -97,6 +114,28 @@ struct HeadTransformGradient {
         g.mean = head.scale * (head.rotation.transpose() * gx);
     }
 };
+
+/// Cotangents of the two transforms that seen_head joins.
+template <class T>
+struct SeenHeadGradient {
+    HeadTransformGradient<T> view, head;
+};
+
+/// The vjp of seen_head, given the cotangent of its result.
+template <class T>
+RYE_HD SeenHeadGradient<T> seen_head_vjp(const HeadTransform<T>& view, const Vec3<T>& pivot,
+                                         const HeadTransform<T>& head,
+                                         const HeadTransformGradient<T>& g) {
+    SeenHeadGradient<T> r;
+    r.view.rotation = g.rotation * head.rotation.transpose() +
+                      g.translation * (head.translation - pivot).transpose();
+    r.view.quaternion = quat_product_vjp_left<T>(head.quaternion, g.quaternion);
+    r.view.translation = g.translation;
+    r.head.rotation = view.rotation.transpose() * g.rotation;
+    r.head.quaternion = quat_product_vjp_right<T>(view.quaternion, g.quaternion);
+    r.head.translation = view.rotation.transpose() * g.translation;
+    return r;
+}
 
 /// Numbers that a HeadTransformGradient is summed as: rotation, quaternion, translation.
 inline constexpr int head_sums = 16;

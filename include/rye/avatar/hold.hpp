@@ -120,6 +120,7 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
     a.upsampler = all.upsampler;
     copy_slot(all.delta_pose, a.delta_pose);
     copy_slot(all.delta_gaze, a.delta_gaze);
+    copy_slot(all.delta_view, a.delta_view);
     copy_slot(all.shading, a.shading);
     return a;
 }

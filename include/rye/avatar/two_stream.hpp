@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/avatar/two_stream.hpp: the whole avatar: face stream, eyeball stream, upsampler, and small
-/// corrections of each frame's head pose and gazes.
+/// corrections of each frame's head pose and gazes, and of each camera's pose.
 /// Source: paper fig. 2 and section 3.2.
 #pragma once
 
@@ -12,7 +12,7 @@
 namespace rye {
 
 /// Trained parameters of an avatar: its face, its eyes, its upsampler, corrections of the tracked
-/// head poses and gazes, its shading, and those of own effects.
+/// head poses and gazes and of cameras, its shading, and those of own effects.
 template <class T, EffectSet E = PaperEffects>
 struct TwoStream : OwnParameters<T, E> {
     FaceStream<T, E> face;
@@ -23,6 +23,10 @@ struct TwoStream : OwnParameters<T, E> {
     /// 4 x training frames, or empty: added to the angles of the tracked gazes, (pitch, yaw) of the
     /// left eye, then of the right [rad]. Needs eyes.kappa, which may be 0.
     [[no_unique_address]] Slot<E, Kappa, Columns<T>> delta_gaze;
+    /// 6 x cameras, or empty: how the head is moved in the pictures of each camera, by an axis-angle
+    /// about a common point and a translation, in the world. A camera whose pose is wrong by the
+    /// inverse motion shows the same.
+    [[no_unique_address]] Slot<E, HeadPose, Columns<T>> delta_view;
     [[no_unique_address]] Slot<E, HeadShading, Shading<T>> shading;
 
     template <class F, class... P>
@@ -34,6 +38,8 @@ struct TwoStream : OwnParameters<T, E> {
         if constexpr (has_effect<E, ReadsHeadPose>) f("delta_poses", p.delta_pose...);
         if constexpr (has_effect<E, Kappa>)
             if (((p.delta_gaze.size() > 0) || ...)) f("delta_gazes", p.delta_gaze...);
+        if constexpr (has_effect<E, HeadPose>)
+            if (((p.delta_view.size() > 0) || ...)) f("delta_views", p.delta_view...);
         if constexpr (has_effect<E, HeadShading>)
             nested_fields<Shading<T>>("shading", f, p.shading...);
     }
@@ -47,10 +53,13 @@ struct TwoStream : OwnParameters<T, E> {
 };
 
 /// Throws an Error unless delta_gaze is empty, or has a column for each of delta_pose's beside a
-/// kappa.
+/// kappa; and unless delta_view is empty or has 6 rows.
 template <class T, EffectSet E>
 void check_corrections([[maybe_unused]] const TwoStream<T, E>& avatar,
                        [[maybe_unused]] const char* who) {
+    if constexpr (has_effect<E, HeadPose>)
+        require(avatar.delta_view.size() == 0 || avatar.delta_view.rows() == 6, who,
+                "delta_view has ", avatar.delta_view.rows(), " rows, expected 6");
     if constexpr (has_effect<E, Kappa>) {
         const Columns<T>& gaze = avatar.delta_gaze;
         if (gaze.size() == 0) return;
@@ -95,12 +104,20 @@ ShadedFrame<T> shaded_frame(const TwoStream<T, E>& avatar, const Drivers<T, E>& 
             avatar.eyes.points_of(0)};
 }
 
+/// The transform by which delta_view moves a picture's head; the column must be there.
+template <class T, EffectSet E>
+    requires has_effect<E, HeadPose>
+HeadTransform<T> view_transform(const TwoStream<T, E>& avatar, Index column) {
+    RYE_ASSERT(column < avatar.delta_view.cols(), "view_transform: no such column of delta_view");
+    return head_transform<T>(avatar.delta_view.col(column), T(1));
+}
+
 /// Drives both streams: the Gaussians are trace.gaussians. Without a head pose the head's frame is
 /// the world.
 template <class T, EffectSet E, Backend B>
 void drive(const B& backend, const TwoStream<T, E>& avatar,
            const std::type_identity_t<AvatarFrame<T, E>>& frame, TwoStreamTrace<T, E>& trace) {
-    const auto& [config, roles, drivers] = frame;
+    const auto& [config, roles, drivers, view] = frame;
     const OpticalDrivers<T, E> optical = optical_drivers(avatar.eyes, drivers);
     trace.code = frame_code(config, optical);
     const Index n = trace.face_count = avatar.face.position.cols();
@@ -116,6 +133,8 @@ void drive(const B& backend, const TwoStream<T, E>& avatar,
     }
     if constexpr (has_effect<E, HeadPose>) {
         trace.head = head_transform(optical.drivers);
+        if (view.column >= 0)
+            trace.head = seen_head(view_transform(avatar, view.column), view.pivot, trace.head);
         to_world(backend, trace.head, trace.face.scale, g);
         eye_gaussians<T>(backend, avatar.eyes, {config, optical, trace.code}, {trace.eyes, g, n},
                          trace.head);
@@ -134,8 +153,8 @@ struct DriveGradients {
     TwoStream<T, E>& avatar;
 };
 
-/// Accumulates parameter gradients (all but the upsampler's). Returns the cotangent of the pose: 0
-/// if nothing reads it.
+/// Accumulates parameter gradients (all but the upsampler's, delta_pose's and delta_gaze's). Returns
+/// the cotangent of the pose: 0 if nothing reads it.
 template <class T, EffectSet E, Backend B>
 Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
                     const std::type_identity_t<AvatarFrame<T, E>>& frame,
@@ -188,6 +207,13 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
         take_head_sums(std::get<1>(sums).begin(), g_head);
         optics_vjp(trace.head);
         if constexpr (has_effect<E, SeesCornea>) g_head += g_frame.optics.head;
+        if (const auto& [column, pivot] = frame.view; column >= 0) {
+            const auto g_seen = seen_head_vjp(view_transform(avatar, column), pivot,
+                                              head_transform(drivers), g_head);
+            grad.delta_view.col(column) +=
+                head_pose_vjp<T>(avatar.delta_view.col(column), g_seen.view);
+            g_head = g_seen.head;
+        }
         g_pose = head_pose_vjp(drivers, g_head);
         face_part();
         eyes_vjp(sums);

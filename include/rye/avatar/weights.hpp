@@ -11,6 +11,7 @@
 
 #include <rye/avatar/drivers.hpp>
 #include <rye/avatar/face_fields.hpp>
+#include <rye/avatar/head_pose.hpp>
 #include <rye/rig/influence.hpp>
 #include <rye/rig/nearest_landmark.hpp>
 
@@ -28,6 +29,7 @@ struct AvatarFrame {
     const AvatarConfig& config;
     const LandmarkRoles& roles;
     const Drivers<T, E>& drivers;
+    SeenBy<T> view = {}; ///< of a picture of a training
 };
 
 /// Influences of the drivers on N points of the face, in 0..1.

@@ -86,7 +86,9 @@ void avatar_arrays(A& avatar, F&& f) {
     using P = std::remove_const_t<A>;
     const auto visit = [&](const std::string& name, auto& a) {
         // Needed in training alone.
-        if (name == "delta_poses" || name == "delta_gazes" || name == "eyes.spacing") return;
+        if (name == "delta_poses" || name == "delta_gazes" || name == "delta_views" ||
+            name == "eyes.spacing")
+            return;
         f("avatar." + name, a, name.ends_with(".xyz") || name == "eyes.kappa");
     };
     P::fields(visit, avatar);

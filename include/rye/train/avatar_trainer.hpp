@@ -50,7 +50,7 @@ struct AvatarTraining {
     EyeballBounds bounds = {};
     /// True if the mean over frames is subtracted from the corrections of head poses after each
     /// step: what all frames share belongs to the avatar. It is always subtracted from those of
-    /// gazes.
+    /// gazes, and from those of cameras the mean over cameras.
     bool centred_corrections = false;
     /// face_neighbours() of the positions at which the face began, the same for a resumed training.
     FaceNeighbours face_neighbours = {};
@@ -135,7 +135,8 @@ class AvatarTrainer {
     template <class Probe = NoProbe>
     AvatarLosses<T> losses(const Drivers<T, E>& drivers, const AvatarImages<T>& images,
                            Probe&& probe = {}) {
-        drive(backend, avatar_, {training_.config, training_.roles, corrected(drivers, images)},
+        drive(backend, avatar_,
+              {training_.config, training_.roles, corrected(drivers, images), seen(images)},
               trace_);
         probe("networks");
         return training_.objective.value(backend, avatar_.upsampler, images, trace_, pictures_,
@@ -156,7 +157,8 @@ class AvatarTrainer {
         [[maybe_unused]] Columns<T> g_kappa;
         if constexpr (has_effect<E, Kappa>) g_kappa = gradient.eyes.kappa;
         const Vec<T, 6> g_pose = drive_vjp(
-            backend, avatar_, {training_.config, training_.roles, corrected(drivers, images)},
+            backend, avatar_,
+            {training_.config, training_.roles, corrected(drivers, images), seen(images)},
             trace_, {pictures_.g_gaussians, gradient});
         if constexpr (has_effect<E, ReadsHeadPose>)
             if (images.frame >= 0) gradient.delta_pose.col(images.frame) += g_pose;
@@ -194,8 +196,16 @@ class AvatarTrainer {
         return drivers;
     }
 
-    /// Subtracts the mean over frames from the corrections.
+    /// Returns the picture's view, if cameras are corrected.
+    SeenBy<T> seen([[maybe_unused]] const AvatarImages<T>& images) const {
+        if constexpr (has_effect<E, HeadPose>)
+            if (avatar_.delta_view.size() > 0) return images.view;
+        return {};
+    }
+
+    /// Subtracts the mean over frames, or cameras, from the corrections.
     void centre() {
+        if constexpr (has_effect<E, HeadPose>) centre_rows(avatar_.delta_view);
         if constexpr (has_effect<E, Kappa>) centre_rows(avatar_.delta_gaze);
         if constexpr (has_effect<E, ReadsHeadPose>)
             if (training_.centred_corrections) centre_rows(avatar_.delta_pose);

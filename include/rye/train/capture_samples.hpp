@@ -61,6 +61,16 @@ struct FrameCamera {
     int frame, camera;  ///< indices of CaptureLabels::frames and camera_ids
 };
 
+/// Returns the column of delta_view of a camera's pictures, about the mean position of the head in
+/// the training frames.
+template <PictureReader P>
+SeenBy<float> seen_by(const CaptureOf<P>& capture, int camera) {
+    Vec3<double> sum = Vec3<double>::Zero();
+    for (const int f : capture.train)
+        sum += capture.frames[static_cast<std::size_t>(f)].pose.template tail<3>();
+    return {camera, (sum / static_cast<double>(capture.train.size())).template cast<float>()};
+}
+
 /// Sizes of stage 2 that its images follow, and the axis of its gazes.
 struct AvatarSampleShape {
     int doublings = 0;  ///< of the upsampler: the render is 2^doublings times smaller
@@ -78,6 +88,7 @@ AvatarSample<float> avatar_sample(const CaptureOf<P>& capture, const AvatarSampl
     s.drivers = frame_drivers(capture, frame, shape.axis);
     const auto place = std::find(capture.train.begin(), capture.train.end(), frame);
     s.frame = place == capture.train.end() ? -1 : place - capture.train.begin();
+    s.view = seen_by(capture, camera);
     s.camera = render_camera(capture.camera(frame, camera).template cast<float>(), factor);
     // Sides that the factor does not divide are extended by repetition; masks, extended by zeros,
     // exclude these pixels from comparisons.

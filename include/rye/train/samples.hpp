@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <rye/avatar/drivers.hpp>
+#include <rye/avatar/head_pose.hpp>
 #include <rye/geometry/camera.hpp>
 #include <rye/train/augment.hpp>
 
@@ -33,6 +34,7 @@ struct MeshSample {
 template <class T>
 struct AvatarImages {
     Index frame = 0;              ///< column of delta_pose; -1 for none
+    SeenBy<T> view;               ///< column of delta_view, if an avatar has it
     Pinhole<T> camera;            ///< of the small image
     Image<T> truth, truth_small;  ///< RGB on the final background
     Columns<T> visible, visible_small;  ///< 1 x pixels, 0 for padding
@@ -43,6 +45,17 @@ struct AvatarImages {
     VecX<T> background;           ///< of the final render and the eyes alone, one per channel
     VecX<T> blank;                ///< background c of the face alone
 };
+
+/// Returns the camera that shows a head as `camera` shows it after the motion of a column of
+/// delta_view about a pivot.
+template <class T>
+Pinhole<T> seen_camera(Pinhole<T> camera, const Vec<T, 6>& motion, const Vec3<T>& pivot) {
+    const Mat3<T> turn = so3_exp(Vec3<T>(motion.template head<3>()));
+    Rigid<T>& pose = camera.camera_from_world;
+    pose.translation += pose.rotation * (pivot - turn * pivot + motion.template tail<3>());
+    pose.rotation = pose.rotation * turn;
+    return camera;
+}
 
 /// Returns the images of a picture of the size of the render, all of whose pixels count, also for
 /// the eyes.

@@ -81,6 +81,7 @@ struct AvatarRates {
     double eye_offset = 1e-4;   ///< 0 keeps the eyeball centres learned in stage 1
     double kappa = 1e-4;        ///< for avatars with Kappa; 0 keeps the angles [rad]
     double delta_gaze = 0;      ///< of each frame's gaze angles, if an avatar has them [rad]
+    double delta_view = 0;      ///< of each camera's pose, if an avatar has them
     double shading = 1e-3;      ///< for avatars with HeadShading: light and normals
     double deform = 1e-4;       ///< displacement networks of the face
 
@@ -90,6 +91,7 @@ struct AvatarRates {
         if (name.starts_with("upsampler.")) return upsampler;
         if (name == "delta_poses") return delta_pose;
         if (name == "delta_gazes") return delta_gaze;
+        if (name == "delta_views") return delta_view;
         if (name == "eyes.feature" || name == "eyes.latent") return eye_feature;
         if (name.starts_with("eyes.eye_offset_mlp.")) return eye_offset;
         if (name == "eyes.kappa") return kappa;

@@ -23,11 +23,11 @@ inline constexpr bool frames_have_corrections =
     has_effect<E, ReadsHeadPose> || has_effect<E, Kappa>;
 
 /// Where the numbers of a frame's drivers lie, one after the other, as far as effects read them:
-/// expression, pose, scale, gaze of each eye that turns, and the column of delta_pose and
-/// delta_gaze, -1 for none.
+/// expression, pose, scale, gaze of each eye that turns, the column of delta_pose and delta_gaze, -1
+/// for none, that of delta_view, and the pivot of that.
 template <EffectSet E>
 struct DriverPlaces {
-    Index expression = 0, pose = 0, scale = 0, gaze[2] = {0, 0}, column = 0, size = 0;
+    Index expression = 0, pose = 0, scale = 0, gaze[2] = {0, 0}, column = 0, view = 0, size = 0;
 
     explicit DriverPlaces(const AvatarConfig& config) {
         const auto next = [&](Index& place, bool present, Index count) {
@@ -40,13 +40,15 @@ struct DriverPlaces {
         next(gaze[0], eye_turns<E, 0>, 3);
         next(gaze[1], eye_turns<E, 1>, 3);
         next(column, frames_have_corrections<E>, 1);
+        next(view, has_effect<E, HeadPose>, 4);
     }
 
     /// The numbers of a frame's drivers; `frame_column` is the frame's in delta_pose and
-    /// delta_gaze, -1: none. Throws an Error for an expression of another width, and for a gaze
+    /// delta_gaze, -1: none; `seen` the picture's view. Throws an Error for an expression of another width, and for a gaze
     /// without a direction.
     std::vector<float> packed(const Drivers<float, E>& drivers,
-                              [[maybe_unused]] Index frame_column) const {
+                              [[maybe_unused]] Index frame_column,
+                              [[maybe_unused]] const SeenBy<float>& seen = {}) const {
         std::vector<float> r(static_cast<std::size_t>(size));
         [[maybe_unused]] const auto put = [&](Index at, const auto& numbers) {
             for (Index k = 0; k < numbers.size(); ++k)
@@ -61,7 +63,11 @@ struct DriverPlaces {
         if constexpr (has_effect<E, ReadsHeadPose>) put(pose, drivers.pose);
         if constexpr (frames_have_corrections<E>)
             r[static_cast<std::size_t>(column)] = static_cast<float>(frame_column);
-        if constexpr (has_effect<E, HeadPose>) r[static_cast<std::size_t>(scale)] = drivers.scale;
+        if constexpr (has_effect<E, HeadPose>) {
+            r[static_cast<std::size_t>(scale)] = drivers.scale;
+            r[static_cast<std::size_t>(view)] = static_cast<float>(seen.column);
+            put(view + 1, seen.pivot);
+        }
         for_eyes([&]<std::size_t eye>() {
             if constexpr (eye_turns<E, eye>) {
                 static_cast<void>(checked_gaze(of_eye<eye>(drivers.gaze)));
@@ -112,7 +118,7 @@ struct CodePlaces {
 
 /// State of a frame that follows from its drivers, in device memory.
 struct DeviceFrameState {
-    HeadTransform<float> head;
+    HeadTransform<float> head; ///< as the picture's view shows it
     EyeTransform<float> eye[2]; ///< to the world
     Quat<float> turn[2];        ///< rest (+z) to gaze
     Vec<float, 6> pose;         ///< with its correction
@@ -129,6 +135,48 @@ struct DeviceFrameNumbers {
     const float* delta_pose = nullptr; ///< 6 x frames, or null
     const float* kappa = nullptr;      ///< 2 x 2 [rad], or null: gazes are optical axes
     const float* delta_gaze = nullptr; ///< 4 x frames [rad], or null; not without kappa
+    const float* delta_view = nullptr; ///< 6 x cameras, or null
+
+    /// The head's transform by the pose, and by the picture's view.
+    template <EffectSet E>
+    RYE_DEVICE HeadTransform<float> seen(const DriverPlaces<E>& from) const {
+        const HeadTransform<float> head = own(from);
+        const float column = drivers[from.view];
+        if (delta_view == nullptr || column < 0.0F) return head;
+        return seen_head<float>(view(column), pivot(from), head);
+    }
+    /// The cotangent of the pose, given that of seen(). Adds that of the view, 6 x cameras.
+    template <EffectSet E>
+    RYE_DEVICE Vec<float, 6> seen_vjp(const DriverPlaces<E>& from,
+                                      const HeadTransformGradient<float>& g,
+                                      float* g_delta_view) const {
+        const float column = drivers[from.view];
+        if (delta_view == nullptr || column < 0.0F) return head_pose_vjp<float>(state->pose, g);
+        const SeenHeadGradient<float> parts =
+            seen_head_vjp<float>(view(column), pivot(from), own(from), g);
+        const Vec<float, 6> g_view = head_pose_vjp<float>(motion(column), parts.view);
+        for (int k = 0; k < 6; ++k) g_delta_view[6 * Index(column) + k] += g_view[k];
+        return head_pose_vjp<float>(state->pose, parts.head);
+    }
+
+  private:
+    template <EffectSet E>
+    RYE_DEVICE HeadTransform<float> own(const DriverPlaces<E>& from) const {
+        return head_transform<float>(state->pose, drivers[from.scale]);
+    }
+    RYE_DEVICE Vec<float, 6> motion(float column) const {
+        Vec<float, 6> m;
+        for (int k = 0; k < 6; ++k) m[k] = delta_view[6 * Index(column) + k];
+        return m;
+    }
+    RYE_DEVICE HeadTransform<float> view(float column) const {
+        return head_transform<float>(motion(column), 1.0F);
+    }
+    template <EffectSet E>
+    RYE_DEVICE Vec3<float> pivot(const DriverPlaces<E>& from) const {
+        const float* const p = drivers + from.view + 1;
+        return Vec3<float>(p[0], p[1], p[2]);
+    }
 };
 
 /// Codes, the head's transform, and optical axes.
@@ -170,7 +218,7 @@ struct FrameCodesKernel {
         if (frame.delta_pose != nullptr && column >= 0.0F)
             for (int k = 0; k < 6; ++k) pose[k] += frame.delta_pose[6 * Index(column) + k];
         if constexpr (has_effect<E, HeadPose>)
-            frame.state->head = head_transform<float>(pose, frame.drivers[from.scale]);
+            frame.state->head = frame.seen(from);
     }
     RYE_DEVICE void take_gazes() const {
         if constexpr (eye_turns<E, 0>) take_gaze<0>();
@@ -211,6 +259,7 @@ struct DeviceFrameSums {
     const float* codes;  ///< or null
     float* pose;         ///< 6, overwritten: the cotangent of the pose
     float* delta_pose;   ///< 6 x frames, added to, or null
+    float* delta_view;   ///< 6 x cameras, added to, or null
     const float* parts = nullptr; ///< 6: of the pose as shading and features read it, or null
 };
 
@@ -236,7 +285,7 @@ struct FramePoseKernel {
                 HeadTransformGradient<float> head;
                 take_head_sums(sums.face, head);
                 for (int eye = 0; eye < 2; ++eye) take_head_sums(sums.eye[eye], head);
-                g = head_pose_vjp<float>(frame.state->pose, head);
+                g = frame.seen_vjp(from, head, sums.delta_view);
             }
             if constexpr (has_effect<E, ReadsPoseCode>)
                 for (int k = 0; k < 6; ++k)

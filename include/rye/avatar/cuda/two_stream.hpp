@@ -115,6 +115,16 @@ class DeviceTwoStream {
         if constexpr (has_effect<E, ReadsHeadPose>) count = host_.delta_pose.cols();
         return count;
     }
+    /// True if the avatar corrects cameras.
+    bool corrects_views() const {
+        if constexpr (has_effect<E, HeadPose>) return host_.delta_view.size() > 0;
+        return false;
+    }
+    /// Cameras that have corrections.
+    Index cameras() const {
+        if constexpr (has_effect<E, HeadPose>) return host_.delta_view.cols();
+        return 0;
+    }
     Index face_count() const { return face_.count(); }
     Index eye_count() const { return eyes_.count(); }
 
@@ -124,12 +134,16 @@ class DeviceTwoStream {
     void download(const CudaQueue& queue, Host& to) const { parameters_.fetch(queue, to); }
 
     /// Takes what the next frames are driven by; `column`: the frame's in delta_pose and
-    /// delta_gaze, which correct pose and gazes, -1 for none. Waits. Throws an Error for an
-    /// expression of another width, a gaze without direction, a column that is not there.
-    void set_drivers(const CudaQueue& queue, const Drivers<float, E>& drivers, Index column = -1) {
+    /// delta_gaze, which correct pose and gazes, -1 for none; `seen`: the picture's view. Waits.
+    /// Throws an Error for an expression of another width, a gaze without direction, a column that
+    /// is not there.
+    void set_drivers(const CudaQueue& queue, const Drivers<float, E>& drivers, Index column = -1,
+                     const SeenBy<float>& seen = {}) {
+        require(seen.column < cameras(), "DeviceTwoStream", "column of delta_view is ",
+                seen.column, ", expected -1 to ", cameras() - 1);
         require(column >= -1 && column < frames(), "DeviceTwoStream", "column of delta_pose is ",
                 column, ", expected -1 to ", frames() - 1);
-        const std::vector<float> numbers = drivers_.packed(drivers, column);
+        const std::vector<float> numbers = drivers_.packed(drivers, column, seen);
         device_.send(queue, driver_numbers_.data(), numbers.data(), numbers.size() * sizeof(float));
     }
     /// The drivers' numbers in device memory (DriverPlaces), for kernels that write them.
@@ -221,7 +235,7 @@ class DeviceTwoStream {
 
     /// Adds the gradients of the last drive_into, given the cotangents in g_cloud, which it
     /// consumes: of all parameters but the upsampler's; those of the frame's column of delta_pose
-    /// and delta_gaze, if it has one.
+    /// and delta_gaze, and of the picture's of delta_view, if it has one.
     void vjp_into(const CudaQueue& queue, const Parameters& gradient) {
         require(&gradient.layout() == &layout_, "DeviceTwoStream", "gradient is of another layout");
         const auto of = at(parameters_), to = at(gradient);
@@ -248,6 +262,9 @@ class DeviceTwoStream {
         if constexpr (has_effect<E, Kappa>)
             if (host_.delta_gaze.size() > 0) g_delta_gaze = to(host_.delta_gaze).data;
         eyes_.codes_vjp_into(queue, to, numbers(), g_codes, g_delta_gaze);
+        [[maybe_unused]] float* g_delta_view = nullptr;
+        if constexpr (has_effect<E, HeadPose>)
+            if (corrects_views()) g_delta_view = to(host_.delta_view).data;
         if constexpr (has_effect<E, ReadsHeadPose>)
             device_.launch(queue, 1,
                            FramePoseKernel<E>{drivers_,
@@ -259,6 +276,7 @@ class DeviceTwoStream {
                                                g_codes,
                                                sums_.data() + head_sums,
                                                to(host_.delta_pose).data,
+                                               g_delta_view,
                                                g_parts}});
     }
     /// The cotangent of the pose after vjp_into: 6 numbers in device memory.
@@ -286,6 +304,8 @@ class DeviceTwoStream {
         DeviceFrameNumbers r{driver_numbers_.data(), codes_numbers_.data(), state_.data()};
         if constexpr (has_effect<E, ReadsHeadPose>)
             r.delta_pose = parameters_.of(host_.delta_pose).data;
+        if constexpr (has_effect<E, HeadPose>)
+            if (corrects_views()) r.delta_view = parameters_.of(host_.delta_view).data;
         if constexpr (has_effect<E, Kappa>) {
             if (host_.eyes.kappa.size() > 0) r.kappa = parameters_.of(host_.eyes.kappa).data;
             if (host_.delta_gaze.size() > 0) r.delta_gaze = parameters_.of(host_.delta_gaze).data;

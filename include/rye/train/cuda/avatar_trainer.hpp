@@ -89,7 +89,12 @@ class DeviceAvatarTrainer {
         require(view.frame >= -1 && view.frame < avatar_.frames(), "DeviceAvatarTrainer", "view ",
                 views_.count(), ": frame is ", view.frame, ", expected -1 to ",
                 avatar_.frames() - 1);
-        return views_.add(queue, view, avatar_.driver_places().packed(drivers, view.frame));
+        SeenBy<float> seen;
+        if (avatar_.corrects_views()) seen = view.view;
+        require(seen.column < avatar_.cameras(), "DeviceAvatarTrainer", "view ", views_.count(),
+                ": column of delta_view is ", seen.column, ", expected -1 to ",
+                avatar_.cameras() - 1);
+        return views_.add(queue, view, avatar_.driver_places().packed(drivers, view.frame, seen));
     }
 
     /// Takes the steps of these draws in order; waits once for all of them, and again only if

@@ -33,7 +33,8 @@ struct CentreRowsKernel {
     }
 };
 
-/// Subtracts the mean over frames from the gazes' corrections, and from the poses' if `poses`.
+/// Subtracts the mean over frames from the gazes' corrections, and from the poses' if `poses`; over
+/// cameras from those of cameras.
 /// `parameters`: shapes of the host's avatar.
 template <class Device, EffectSet E>
 void centre_corrections_into(
@@ -44,6 +45,8 @@ void centre_corrections_into(
     [[maybe_unused]] const auto centre = [&](const Columns<float>& array) {
         device.launch(queue, 1, CentreRowsKernel{adam, parameters.of(array)});
     };
+    if constexpr (has_effect<E, HeadPose>)
+        if (host.delta_view.size() > 0) centre(host.delta_view);
     if constexpr (has_effect<E, Kappa>)
         if (host.delta_gaze.size() > 0) centre(host.delta_gaze);
     if constexpr (has_effect<E, ReadsHeadPose>)

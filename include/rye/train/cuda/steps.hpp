@@ -19,6 +19,7 @@ namespace rye {
 struct TrainingView {
     Pinhole<float> camera;             ///< of the render
     Index frame = -1;                  ///< column of delta_pose; -1 for none
+    SeenBy<float> view;                ///< column of delta_view, if an avatar has it
     int width = 0, height = 0;         ///< [px]
     std::vector<std::uint8_t> rgb;     ///< 3 per pixel, over black
     std::vector<std::uint8_t> mask;    ///< the subject

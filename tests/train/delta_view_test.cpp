@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+// Corrections of cameras' poses (TwoStream::delta_view) that a training of stage 2 makes.
+#include <rye/splat/lanes.hpp>
+#include <rye/train/avatar_trainer.hpp>
+
+#include <doctest/doctest.h>
+
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "../support/corrected_avatar.hpp"
+#include "../support/hostile.hpp"
+
+using namespace rye;
+using namespace rye::test;
+
+namespace {
+
+using E = TrainedEffects;
+constexpr Index cameras = corrected_cameras;
+
+template <class T>
+SeenBy<T> seen(Index column) {
+    return {column, Vec3<T>(T(0.3), T(-0.2), T(0.5))};
+}
+
+} // namespace
+
+TEST_CASE("corrected cameras: their gradient is the transpose of their duals") {
+    using D = Dual<double, 1>;
+    const TwoStream<double, E> avatar = corrected_avatar();
+    auto sample = tiny_sample<double, E>(Draw{{9, 0}});
+    sample.view = seen<double>(1);
+    TwoStream<double, E> own = avatar, gradient = zeros_like(avatar);
+    Adam<TwoStream<double, E>> adam(own);
+    AvatarTrainer trainer{ScalarBackend<>{}, own, adam, training_of_corrections()};
+    trainer.losses(sample.drivers, sample);
+    trainer.add_gradient(sample.drivers, sample, gradient);
+    Draw draw{{4, 1}};
+    const Columns<double> of_view = draw.columns(6, cameras), of_pose = draw.columns(6, 1);
+    TwoStream<D, E> dual = lifted<D>(avatar);
+    for (Index i = 0; i < of_view.size(); ++i) dual.delta_view.data()[i].d[0] = of_view.data()[i];
+    for (Index i = 0; i < 6; ++i) dual.delta_pose(i, sample.frame).d[0] = of_pose(i);
+    Adam<TwoStream<D, E>> dual_adam(dual);
+    AvatarTrainer dual_trainer{ScalarBackend<>{}, dual, dual_adam, training_of_corrections()};
+    auto dual_sample = tiny_sample<D, E>(Draw{{9, 0}});
+    dual_sample.view = seen<D>(1);
+    const double by_dual = dual_trainer.losses(dual_sample.drivers, dual_sample).total.d[0];
+    const double by_vjp = gradient.delta_view.cwiseProduct(of_view).sum() +
+                          gradient.delta_pose.col(sample.frame).dot(of_pose.col(0));
+    CHECK(std::abs(by_dual) > 1e-4);
+    CHECK(std::abs(by_dual - by_vjp) <= 1e-10 * std::abs(by_dual));
+    CHECK(gradient.delta_view.col(0).isZero(0)); // the sample is of camera 1
+    CHECK(gradient.delta_view.col(2).isZero(0));
+    CHECK(!gradient.delta_view.col(1).isZero(0));
+}
+
+TEST_CASE("corrected cameras: a moved head is seen as by the camera that is moved back") {
+    const ScalarBackend<> backend;
+    const TwoStream<double, E> avatar = corrected_avatar();
+    const auto sample = tiny_sample<double, E>(Draw{{9, 0}});
+    const auto drawn = [&](const SeenBy<double>& view, const Pinhole<double>& camera) {
+        TwoStreamTrace<double, E> trace;
+        drive(backend, avatar, {tiny_config(), tiny_roles(), sample.drivers, view}, trace);
+        return Rasterizer<FeaturesOnly<Exact64>>{}
+            .forward(backend, trace.gaussians, camera, sample.background)
+            .feature.pixels;
+    };
+    const Pinhole<double> camera = tiny_camera(24, 18);
+    const Columns<double> unmoved = drawn({}, camera);
+    for (Index k = 0; k < cameras; ++k) {
+        CAPTURE(k);
+        const SeenBy<double> view = seen<double>(k);
+        const Columns<double> moved = drawn(view, camera);
+        const Columns<double> from =
+            drawn({}, seen_camera<double>(camera, avatar.delta_view.col(k), view.pivot));
+        CHECK((moved - from).cwiseAbs().maxCoeff() <= 1e-9);
+        CHECK((moved - unmoved).cwiseAbs().maxCoeff() >= 1e-2);
+    }
+}
+
+TEST_CASE("corrected cameras: steps that are applied keep their mean at 0; faults") {
+    const auto off = [](const Columns<double>& a) {
+        return a.rowwise().mean().cwiseAbs().maxCoeff();
+    };
+    auto sample = tiny_sample<double, E>(Draw{{9, 0}});
+    sample.view = seen<double>(2);
+    AvatarTraining<> t = training_of_corrections();
+    t.rates.delta_view = 1e-4;
+    TwoStream<double, E> avatar = corrected_avatar();
+    Adam<TwoStream<double, E>> adam(avatar);
+    AvatarTrainer trainer{ScalarBackend<>{}, avatar, adam, t};
+    double& bias = avatar.upsampler.out_bias(1, 0);
+    const double finite = std::exchange(bias, std::numeric_limits<double>::quiet_NaN());
+    CHECK(!trainer.step(sample).adam.applied);
+    bias = finite;
+    CHECK(avatar.delta_view == corrected_avatar().delta_view);
+    CHECK(off(avatar.delta_view) > 1e-3);
+    const Columns<double> apart = avatar.delta_view.col(2) - avatar.delta_view.col(0);
+    CHECK(trainer.step(sample).adam.applied);
+    CHECK(off(avatar.delta_view) <= 1e-15);
+    const Columns<double> now = avatar.delta_view.col(2) - avatar.delta_view.col(0);
+    CHECK((now - apart).cwiseAbs().maxCoeff() <= 2.1e-4); // a step of Adam
+    CHECK(!(now == apart));
+
+    TwoStream<double, E> wrong = corrected_avatar();
+    wrong.delta_view.resize(5, 3);
+    CHECK_FAULT((AvatarTrainer{ScalarBackend<>{}, wrong, adam, training_of_corrections()}),
+                "delta_view has 5 rows, expected 6");
+}
+
+TEST_CASE("corrected cameras: wrong ones come back") {
+    const XsimdBackend backend;
+    TwoStream<float, E> truth = lifted<float>(corrected_avatar());
+    truth.delta_view.setZero();
+    truth.delta_pose.setZero();
+    // Rotations of up to a degree, shifts of up to 2 % of the unit, 0 on average.
+    Columns<float> error(6, cameras);
+    error << 0.015F, -0.01F, -0.005F, 0.01F, 0.005F, -0.015F, -0.01F, 0.015F, -0.005F, //
+        0.02F, -0.01F, -0.01F, -0.01F, 0.02F, -0.01F, 0.01F, 0.01F, -0.02F;
+    std::vector<AvatarSample<float, E>> samples;
+    for (Index k = 0; k < cameras; ++k) {
+        auto s = tiny_sample<float, E>(Draw{{9, 0}});
+        s.frame = -1;
+        s.view = seen<float>(k);
+        s.camera = tiny_camera(24, 18).cast<float>();
+        draw_truth(truth, s);
+        // The label: the camera after the error, which the correction must take back.
+        s.camera = seen_camera<float>(s.camera, error.col(k), s.view.pivot);
+        samples.push_back(s);
+    }
+    TwoStream<float, E> avatar = truth;
+    Adam<TwoStream<float, E>> adam(avatar);
+    AvatarTraining<> t = training_of_nothing();
+    t.rates.delta_view = 1e-3;
+    AvatarTrainer trainer{backend, avatar, adam, t};
+    const auto loss = [&] {
+        float sum = 0;
+        for (const auto& s : samples) sum += trainer.losses(s.drivers, s).total;
+        return sum;
+    };
+    const float wrong = loss();
+    avatar.delta_view = -error; // to first order
+    CHECK(loss() < 0.05F * wrong);
+    avatar.delta_view.setZero();
+    for (Index step = 0; step < 240; ++step) {
+        const auto& s = samples[static_cast<std::size_t>(step % cameras)];
+        trainer.step(s.drivers, s, step < 150 ? 1 : 0.2);
+    }
+    CAPTURE(avatar.delta_view);
+    CHECK(loss() < 0.1F * wrong);
+    CHECK(avatar.delta_view.rowwise().mean().cwiseAbs().maxCoeff() <= 1e-6F);
+}
