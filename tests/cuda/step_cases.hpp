@@ -58,6 +58,8 @@ struct StepSceneOf {
                 training.centred_corrections = true;
                 if constexpr (has_effect<E, HeadPose>) {
                     avatar.delta_view = 0.05 * noise<double>(6, 2, 54);
+                    training.view_directions.resize(3, 2);
+                    training.view_directions << -0.6, 0.6, 0, 0, 0.8, 0.8;
                     training.rates.delta_view = 1e-3;
                 }
             }
@@ -261,7 +263,10 @@ void steps_against_host(const Device& device, const CudaQueue& queue, const Step
             CHECK(relative(own.avatar.delta_gaze, avatar.delta_gaze) <= 1e-3);
             CHECK(relative(own.avatar.delta_pose, avatar.delta_pose) <= 1e-3);
             if constexpr (has_effect<E, HeadPose>) {
-                CHECK((centred(own.avatar.delta_view) && centred(avatar.delta_view)));
+                const Columns<double> gauge = view_gauge(scene.training.view_directions);
+                Columns<double> centred_views = avatar.delta_view;
+                centre_views(gauge, centred_views);
+                CHECK((centred_views - avatar.delta_view).cwiseAbs().maxCoeff() <= 1e-12);
                 CHECK(!own.avatar.delta_view.isZero(1e-3F));
                 CHECK(relative(own.avatar.delta_view, avatar.delta_view) <= 1e-3);
             }

@@ -32,6 +32,8 @@ inline AvatarTraining<> training_of_corrections() {
     t.config = tiny_config();
     t.roles = tiny_roles();
     t.objective.weights.eye_smooth = 0;
+    t.view_directions.resize(3, corrected_cameras);
+    t.view_directions << -0.6, 0, 0.8, 0, 0.6, 0, 0.8, 0.8, 0.6;
     return t;
 }
 

@@ -481,7 +481,7 @@ TrainState first_state(const TrainConfig& config, const Capture& capture,
     state.capture = folder.string();
     state.subject = describe_subject(capture, state.config);
     state.train_frames = capture.train;
-    state.cameras = capture.camera_count();
+    state.view_directions = view_directions(capture);
     return state;
 }
 
@@ -529,7 +529,7 @@ Start read_start(const TrainOptions& o) {
     correct(config, s);
     if (o.resume) {
         check_resumed(o, s.state, s.capture);
-        s.state.cameras = s.capture.camera_count();
+        s.state.view_directions = view_directions(s.capture);
         return s;
     }
     s.state = first_state(config, s.capture, folder);

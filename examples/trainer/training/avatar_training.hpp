@@ -25,6 +25,7 @@ AvatarTraining<Balanced, Perceptual> avatar_training(const TrainState& state) {
     t.rates = c.gaussians.rates;
     if (c.gaze_axis == GazeAxis::optical) t.rates.kappa = 0; // kappa, if any, stays 0
     t.centred_corrections = c.gaussians.centre_corrections;
+    t.view_directions = state.view_directions;
     t.bounds = {c.gaussians.eyeball.max_growth, c.gaussians.eyeball.thickness};
     t.face_neighbours = first_neighbours(state);
     return t;

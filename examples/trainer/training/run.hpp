@@ -28,7 +28,8 @@ struct TrainState {
     std::string frames;      ///< frames_mark of the run's frames; empty for a run without them
     Subject subject;
     std::vector<int> train_frames;  ///< columns of delta_pose
-    Index cameras = 0;              ///< of the capture, set by a training alone
+    /// view_directions() of the capture; set by a training alone.
+    Columns<double> view_directions = {};
     Mesh mesh;
     Adam<Mesh> mesh_adam;
     Avatar avatar;           ///< empty in stage 1

@@ -98,7 +98,7 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
                               seed_of(state).fork(4)).normals();
     begin_parts(state.avatar, config, normals, seed_of(state).fork(11));
     if (config.gaze_mechanism == GazeMechanismName::rotation && config.gaussians.rates.delta_view > 0)
-        state.avatar.delta_view = Columns<float>::Zero(6, state.cameras);
+        state.avatar.delta_view = Columns<float>::Zero(6, state.view_directions.cols());
     if (config.gaze_mechanism != GazeMechanismName::rotation) {
         ComparedTraining& t = state.compared.emplace();
         t.avatar = compared_avatar(state.avatar, config, normals, seed_of(state).fork(10));

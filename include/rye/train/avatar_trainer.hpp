@@ -17,6 +17,7 @@
 #include <rye/train/avatar_objective.hpp>
 #include <rye/train/centring.hpp>
 #include <rye/train/face_smoothness.hpp>
+#include <rye/train/view_gauge.hpp>
 
 namespace rye {
 
@@ -50,8 +51,11 @@ struct AvatarTraining {
     EyeballBounds bounds = {};
     /// True if the mean over frames is subtracted from the corrections of head poses after each
     /// step: what all frames share belongs to the avatar. It is always subtracted from those of
-    /// gazes, and from those of cameras the mean over cameras.
+    /// gazes.
     bool centred_corrections = false;
+    /// Unit vectors from the head to each camera, 3 x cameras, of an avatar with delta_view: after
+    /// each step what all cameras show alike is subtracted (view_gauge).
+    Columns<double> view_directions = {};
     /// face_neighbours() of the positions at which the face began, the same for a resumed training.
     FaceNeighbours face_neighbours = {};
 };
@@ -76,6 +80,12 @@ class AvatarTrainer {
         : backend(on), avatar_(avatar), adam_(adam), training_(std::move(training)),
           gradient_(zeros_like(avatar)) {
         check_corrections(avatar, "AvatarTrainer");
+        if constexpr (has_effect<E, HeadPose>)
+            if (avatar.delta_view.size() > 0) {
+                check_directions(training_.view_directions, avatar.delta_view.cols(),
+                                 "AvatarTrainer");
+                gauge_ = view_gauge(training_.view_directions).template cast<T>();
+            }
         if constexpr (Real<T>)
             if (training_.objective.weights.eye_smooth > 0) {
                 neighbours_ = eye_neighbours(avatar.eyes);
@@ -203,9 +213,10 @@ class AvatarTrainer {
         return {};
     }
 
-    /// Subtracts the mean over frames, or cameras, from the corrections.
+    /// Subtracts what frames, or cameras, share from the corrections.
     void centre() {
-        if constexpr (has_effect<E, HeadPose>) centre_rows(avatar_.delta_view);
+        if constexpr (has_effect<E, HeadPose>)
+            if (avatar_.delta_view.size() > 0) centre_views(gauge_, avatar_.delta_view);
         if constexpr (has_effect<E, Kappa>) centre_rows(avatar_.delta_gaze);
         if constexpr (has_effect<E, ReadsHeadPose>)
             if (training_.centred_corrections) centre_rows(avatar_.delta_pose);
@@ -220,6 +231,7 @@ class AvatarTrainer {
     NeighbourGraph neighbours_;  ///< for both eyeballs' points, if their colours are smoothed
     std::vector<std::vector<Index>> neighbour_of_; ///< neighbour_of(neighbours_)
     FaceSmoothness face_smoothness_;
+    Columns<T> gauge_ = {}; ///< view_gauge(), if cameras are corrected
     Columns<T> driven_smoothness_ = {}; ///< cotangent of features for add_gradient, C x P
 };
 

@@ -61,14 +61,35 @@ struct FrameCamera {
     int frame, camera;  ///< indices of CaptureLabels::frames and camera_ids
 };
 
-/// Returns the column of delta_view of a camera's pictures, about the mean position of the head in
-/// the training frames.
+/// Returns the mean position of the head in the training frames.
 template <PictureReader P>
-SeenBy<float> seen_by(const CaptureOf<P>& capture, int camera) {
+Vec3<double> mean_head(const CaptureOf<P>& capture) {
     Vec3<double> sum = Vec3<double>::Zero();
     for (const int f : capture.train)
         sum += capture.frames[static_cast<std::size_t>(f)].pose.template tail<3>();
-    return {camera, (sum / static_cast<double>(capture.train.size())).template cast<float>()};
+    return sum / static_cast<double>(capture.train.size());
+}
+
+/// Returns the column of delta_view of a camera's pictures, about mean_head().
+template <PictureReader P>
+SeenBy<float> seen_by(const CaptureOf<P>& capture, int camera) {
+    return {camera, mean_head(capture).template cast<float>()};
+}
+
+/// Returns unit vectors from mean_head() to each camera, 3 x cameras, the mean over training frames
+/// that it shows; (0, 0, 1) for one that shows none.
+template <PictureReader P>
+Columns<double> view_directions(const CaptureOf<P>& capture) {
+    const Vec3<double> head = mean_head(capture);
+    Columns<double> all(3, capture.camera_count());
+    for (int k = 0; k < capture.camera_count(); ++k) {
+        Vec3<double> sum = Vec3<double>::Zero();
+        for (const int f : capture.train)
+            if (capture.view(f, k).present)
+                sum += (capture.camera(f, k).centre() - head).normalized();
+        all.col(k) = sum.norm() > 0.1 ? sum.normalized() : Vec3<double>::UnitZ();
+    }
+    return all;
 }
 
 /// Sizes of stage 2 that its images follow, and the axis of its gazes.

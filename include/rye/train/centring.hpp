@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/centring.hpp: subtraction of the mean over frames from the frames' corrections. That
-/// mean belongs to the avatar: gazes' to kappa, poses' to the head's frame. The same sums on host
-/// and device.
+/// rye/train/centring.hpp: subtraction of what corrections have in common. The mean over frames
+/// belongs to the avatar: gazes' to kappa, poses' to the head's frame. So does what all cameras
+/// show alike. The same sums on host and device.
 #pragma once
 
 #include <concepts>
@@ -30,6 +30,30 @@ void centre_rows(Columns<T>& a) {
         const T mean = mean_of_row(a.data() + k, a.rows(), a.cols());
         for (Index i = 0; i < a.cols(); ++i) a(k, i) -= mean;
     }
+}
+
+/// Returns a row of the motion that columns of delta_view share, given both in column-major memory;
+/// summed in order, floats in double.
+template <class T>
+RYE_HD T shared_motion(const T* gauge, const T* delta_view, Index cameras, Index row) {
+    using Sum = std::conditional_t<std::same_as<T, float>, double, T>;
+    const Index part = row / 3;
+    Sum sum = Sum(0);
+    for (Index c = 0; c < cameras; ++c)
+        for (Index j = 0; j < 3; ++j)
+            sum += Sum(gauge[9 * (part * cameras + c) + 3 * j + row % 3]) *
+                   Sum(delta_view[6 * c + 3 * part + j]);
+    return T(sum);
+}
+
+/// Subtracts from the columns of delta_view the motion that they share by view_gauge(), to first
+/// order.
+template <class T>
+void centre_views(const Columns<T>& gauge, Columns<T>& delta_view) {
+    Vec<T, 6> shared;
+    for (Index k = 0; k < 6; ++k)
+        shared[k] = shared_motion(gauge.data(), delta_view.data(), delta_view.cols(), k);
+    delta_view.colwise() -= shared;
 }
 
 } // namespace rye

@@ -75,6 +75,12 @@ class DeviceAvatarTrainer {
             most_.reserve(queue, static_cast<std::size_t>(most.size()));
             device.send(queue, most_.data(), most.data(), bytes_of(most.size()));
         }
+        if (avatar_.corrects_views()) {
+            check_directions(training.view_directions, avatar_.cameras(), "DeviceAvatarTrainer");
+            const Columns<float> gauge = view_gauge(training.view_directions).template cast<float>();
+            gauge_.reserve(queue, static_cast<std::size_t>(gauge.size()));
+            device.send(queue, gauge_.data(), gauge.data(), bytes_of(gauge.size()));
+        }
         state_.reserve(queue, 1);
         numbers_.reserve(queue, 1);
         send_state(queue);
@@ -135,7 +141,7 @@ class DeviceAvatarTrainer {
                           trace_[0].bytes() + trace_[1].bytes() + views_.bytes() +
                           smoothness_.bytes() + losses_.bytes() + part_[0].bytes() +
                           part_[1].bytes() + colours_.bytes() + images_.bytes() + white_.bytes() +
-                          most_.bytes() + state_.bytes() + numbers_.bytes() + rows_.bytes();
+                          most_.bytes() + gauge_.bytes() + state_.bytes() + numbers_.bytes() + rows_.bytes();
         for (const auto& f : frame_) sum += f->bytes();
         return sum;
     }
@@ -365,7 +371,7 @@ class DeviceAvatarTrainer {
         adam_.step_into(queue, avatar_.parameters(), gradient_, control);
         const Host& host = avatar_.shapes();
         centre_corrections_into(device_, queue, adam_.state(), host, avatar_.parameters(),
-                                centred_poses_);
+                                centred_poses_, gauge_.data());
         if (most_.size() > 0) {
             const DeviceColumns<float> scales = avatar_.parameters().of(host.eyes.log_scale);
             launch_each(device_, queue, scales.size(),
@@ -391,7 +397,7 @@ class DeviceAvatarTrainer {
     bool centred_poses_;
     DeviceCloudBuffer part_[2]; ///< gradients of the face's and of the eyes' render
     DeviceStepImageMemory images_;
-    DeviceBuffer<float> colours_, white_, most_;
+    DeviceBuffer<float> colours_, white_, most_, gauge_;
     DeviceBuffer<DeviceStepState> state_;
     DeviceBuffer<DeviceStepNumbers> numbers_;
     DeviceBuffer<DeviceStepRow> rows_;

@@ -33,20 +33,47 @@ struct CentreRowsKernel {
     }
 };
 
-/// Subtracts the mean over frames from the gazes' corrections, and from the poses' if `poses`; over
-/// cameras from those of cameras.
+/// Kernel that subtracts from each column of delta_view what all share, if the optimiser has applied
+/// its step.
+struct CentreViewsKernel {
+    static constexpr const char* name = "views centred";
+    static constexpr int threads = 128, blocks = 1;
+    struct Shared {
+        float motion[6];
+    };
+    const DeviceAdamState* adam;
+    const float* gauge;       ///< view_gauge()
+    DeviceColumns<float> array; ///< delta_view
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        if (adam->bad != 0) return;
+        block.each_thread([&](int t) {
+            if (t < 6) shared.motion[t] = shared_motion(gauge, array.data, array.cols, Index(t));
+        });
+        block.each_thread([&](int t) {
+            for (Index i = t; i < array.size(); i += threads)
+                array.data[i] -= shared.motion[i % 6];
+        });
+    }
+};
+
+/// Subtracts the mean over frames from the gazes' corrections, and from the poses' if `poses`; from
+/// those of cameras what they share by `gauge`.
 /// `parameters`: shapes of the host's avatar.
 template <class Device, EffectSet E>
 void centre_corrections_into(
     [[maybe_unused]] const Device& device, [[maybe_unused]] const CudaQueue& queue,
     [[maybe_unused]] const DeviceAdamState* adam, [[maybe_unused]] const TwoStream<float, E>& host,
     [[maybe_unused]] const Resident<TwoStream<float, E>, Device>& parameters,
-    [[maybe_unused]] bool poses) {
+    [[maybe_unused]] bool poses, [[maybe_unused]] const float* gauge) {
     [[maybe_unused]] const auto centre = [&](const Columns<float>& array) {
         device.launch(queue, 1, CentreRowsKernel{adam, parameters.of(array)});
     };
     if constexpr (has_effect<E, HeadPose>)
-        if (host.delta_view.size() > 0) centre(host.delta_view);
+        if (host.delta_view.size() > 0)
+            device.launch(queue, 1,
+                          CentreViewsKernel{adam, gauge, parameters.of(host.delta_view)});
     if constexpr (has_effect<E, Kappa>)
         if (host.delta_gaze.size() > 0) centre(host.delta_gaze);
     if constexpr (has_effect<E, ReadsHeadPose>)
