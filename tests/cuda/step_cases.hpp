@@ -61,6 +61,7 @@ struct StepSceneOf {
                     training.view_directions.resize(3, 2);
                     training.view_directions << -0.6, 0.6, 0, 0, 0.8, 0.8;
                     training.rates.delta_view = 1e-3;
+                    training.rates.delta_view_from = 2;
                 }
             }
         for (std::uint64_t v = 0; v < 3; ++v) {

@@ -534,7 +534,7 @@ Start read_start(const TrainOptions& o) {
     }
     s.state = first_state(config, s.capture, folder);
     s.words.push_back(refine_further(s.labels, s.state.config));
-    s.words.push_back(refine_further(s.cameras, s.state.config));
+    s.words.push_back(refine_further(s.cameras, s.capture, s.state.config));
     s.words.push_back(flatten_for_one_camera(s.capture, s.state.config));
     if (config.gaussians.auto_doublings)
         s.words.push_back(words_of_doublings(s.state.config, s.capture));

@@ -165,6 +165,7 @@ void walk(F& f, TrainConfig& c) {
             f("kappa", g.rates.kappa, rate);
             f("delta_gaze", g.rates.delta_gaze, rate);
             f("delta_view", g.rates.delta_view, rate);
+            f("delta_view_from", g.rates.delta_view_from, Range{0, 1e8});
             f("shading", g.rates.shading, rate);
         });
         f("centre_corrections", g.centre_corrections);

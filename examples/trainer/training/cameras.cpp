@@ -17,6 +17,7 @@
 #include "data/samples.hpp"
 #include "training/camera_fit.hpp"
 #include "training/centre_errors.hpp"
+#include "training/draws.hpp"
 #include "training/seen_gazes.hpp"
 #include "training/skin_positions.hpp"
 
@@ -378,12 +379,18 @@ CameraFindings correct_cameras(Capture& capture, const TrainConfig& config) {
     return CameraCorrector(capture, config).take();
 }
 
-std::string refine_further(const CameraFindings& findings, TrainConfig& config) {
+std::string refine_further(const CameraFindings& findings, const Capture& capture,
+                           TrainConfig& config) {
     const bool wrong = std::any_of(findings.all.begin(), findings.all.end(),
                                    [](const CameraFinding& f) { return f.wrong; });
-    double& rate = config.gaussians.rates.delta_view;
-    if (!wrong || rate > 0 || config.gaze_mechanism != GazeMechanismName::rotation) return {};
-    rate = 3e-4;
+    AvatarRates& rates = config.gaussians.rates;
+    if (!wrong || rates.delta_view > 0 || config.gaze_mechanism != GazeMechanismName::rotation)
+        return {};
+    // Before the head has its shape, cameras would take the errors of that.
+    constexpr double rate = 1e-4, share = 0.3;
+    rates.delta_view = rate;
+    rates.delta_view_from =
+        static_cast<int>(share * static_cast<double>(total_steps(config.gaussians, capture)));
     return "stage 2 goes on refining the poses of cameras";
 }
 

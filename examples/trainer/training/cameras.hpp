@@ -51,7 +51,8 @@ CameraFindings correct_cameras(Capture& capture, const TrainConfig& config);
 /// Where cameras were wrong, switches on the correction of all cameras' poses in stage 2
 /// (gaussians.rates.delta_view), unless the configuration has it already. Returns a sentence that
 /// says so, or nothing.
-std::string refine_further(const CameraFindings& findings, TrainConfig& config);
+std::string refine_further(const CameraFindings& findings, const Capture& capture,
+                           TrainConfig& config);
 
 /// Returns the capture's corrected cameras after a training's further corrections (6 x cameras, or
 /// empty; TwoStream::delta_view): those of all cameras, whose `wrong` numbers are the capture's own.

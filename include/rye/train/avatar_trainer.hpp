@@ -126,6 +126,8 @@ class AvatarTrainer {
             face_smoothness_.add(backend.threads, face_features(avatar_.face), r.losses,
                                  face_features(gradient_.face));
         r.adam = adam_step(backend, avatar_, gradient_, adam_, [&](const std::string& name) {
+            if constexpr (requires { training_.rates.first_step(name); })
+                if (adam_.step < training_.rates.first_step(name)) return 0.0;
             return rate * training_.rates(name);
         });
         if (r.adam.applied) centre();

@@ -82,9 +82,14 @@ struct AvatarRates {
     double kappa = 1e-4;        ///< for avatars with Kappa; 0 keeps the angles [rad]
     double delta_gaze = 0;      ///< of each frame's gaze angles, if an avatar has them [rad]
     double delta_view = 0;      ///< of each camera's pose, if an avatar has them
+    int delta_view_from = 0;    ///< steps before those move: the head is found first [steps]
     double shading = 1e-3;      ///< for avatars with HeadShading: light and normals
     double deform = 1e-4;       ///< displacement networks of the face
 
+    /// Returns the number of the optimiser's steps in which a parameter rests at first.
+    std::int64_t first_step(const std::string& name) const {
+        return name == "delta_views" ? delta_view_from : 0;
+    }
     /// Returns the rate of a parameter, by its name in fields(). What no name here fits, such as a
     /// parameter of a part of one's own, has `networks`.
     double operator()(const std::string& name) const {

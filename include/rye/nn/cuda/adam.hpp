@@ -20,6 +20,10 @@ struct DeviceAdamField {
     double rate;        ///< 0: it keeps its values and moments, and its gradient is not read
     std::int64_t steps; ///< applied so far
     float size, root;   ///< factors of the step under way
+    std::int64_t first; ///< the optimiser's steps before which its rate is 0
+
+    /// True if it takes no part in the step that follows so many.
+    RYE_HD bool rests(std::int64_t applied) const { return rate == 0 || applied < first; }
 };
 /// A range of one field, for a block.
 struct DeviceAdamRange {
@@ -59,7 +63,7 @@ struct AdamCheckKernel {
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         const DeviceAdamRange r = range[block.index()];
-        if (field[r.field].rate == 0) return;
+        if (field[r.field].rests(state->steps)) return;
         block.each_thread([&](int t) {
             if (t == 0) shared.bad = 0;
         });
@@ -94,7 +98,7 @@ struct AdamScheduleKernel {
             const double share = control != nullptr ? control->rate : 1.0;
             for (int i = t; i < fields; i += threads) {
                 DeviceAdamField& f = field[i];
-                if (f.rate == 0) continue;
+                if (f.rests(state->steps)) continue;
                 const AdamStep<float> now(config, share * f.rate, ++f.steps);
                 f.size = now.size;
                 f.root = now.root;
@@ -133,7 +137,7 @@ struct AdamStepKernel {
         if (state->bad != 0) return;
         const DeviceAdamRange r = range[block.index()];
         const DeviceAdamField f = field[r.field];
-        if (f.rate == 0) return;
+        if (f.rests(state->steps - 1)) return; // the schedule has counted this step
         const AdamFormula<float> formula(config);
         block.each_thread([&](int t) {
             // A few at a time: their loads are under way together.
@@ -180,7 +184,7 @@ class DeviceAdam {
                                   field});
             ++field;
         }
-        fields_.assign(layout.slices().size(), DeviceAdamField{0, 0, 0, 0});
+        fields_.assign(layout.slices().size(), DeviceAdamField{0, 0, 0, 0, 0});
         range_.reserve(queue, ranges.size() + 1);
         field_.reserve(queue, fields_.size() + 1);
         state_.reserve(queue, 1);
@@ -189,14 +193,19 @@ class DeviceAdam {
         device.fill(queue, state_.data(), 0, sizeof(DeviceAdamState));
     }
 
-    /// Sets the learning rates, by a field's name; step numbers stay. Waits.
+    /// Sets the learning rates, by a field's name, and the steps in which it rests at first, if
+    /// `rate` says so; step numbers stay. Waits.
     template <class Rate>
     void set_rates(const CudaQueue& queue, const Rate& rate) {
         if (sent_)
             device_.fetch(queue, fields_.data(), field_.data(),
                           fields_.size() * sizeof(DeviceAdamField));
-        for (std::size_t i = 0; i < fields_.size(); ++i)
-            fields_[i].rate = rate(m.layout().slices()[i].name);
+        for (std::size_t i = 0; i < fields_.size(); ++i) {
+            const std::string& name = m.layout().slices()[i].name;
+            fields_[i].rate = rate(name);
+            if constexpr (requires { rate.first_step(name); })
+                fields_[i].first = rate.first_step(name);
+        }
         device_.send(queue, field_.data(), fields_.data(),
                      fields_.size() * sizeof(DeviceAdamField));
         sent_ = true;
