@@ -202,24 +202,68 @@ class CameraCorrector {
     CameraFit by_skin(CameraFit fit) {
         constexpr std::size_t fewest_cameras = 3;
         if (cameras_.size() < fewest_cameras || irises_ < frames_.size()) return fit;
-        const SkinPositions skin(c_, frames_, judged_,
-                                 describe_subject(c_, config_).head_centre);
+        const Vec3<double> head = describe_subject(c_, config_).head_centre;
+        const SkinPositions skin(c_, frames_, judged_, head);
         const std::size_t eyes = skin_ = seen_.size();
         Columns<double> points(3, points_.cols() + skin.landmarks().cols());
         points << points_, skin.landmarks();
-        constexpr int rounds = 4;
-        for (int round = 0; round < rounds; ++round) {
-            std::vector<Pinhole<double>> now;
-            for (std::size_t k = 0; k < cameras_.size(); ++k)
-                now.push_back(changed(cameras_[k], fit.changes[k]));
-            seen_.resize(eyes);
-            for (SeenPoint s : skin.seen(now)) {
-                s.point += static_cast<int>(points_.cols());
-                seen_.push_back(s);
+        const auto compare = [&](const SkinPositions& by, int rounds) {
+            for (int round = 0; round < rounds; ++round) {
+                std::vector<Pinhole<double>> now;
+                for (std::size_t k = 0; k < cameras_.size(); ++k)
+                    now.push_back(changed(cameras_[k], fit.changes[k]));
+                seen_.resize(eyes);
+                for (SeenPoint s : by.seen(now)) {
+                    s.point += static_cast<int>(points_.cols());
+                    seen_.push_back(s);
+                }
+                fit = fit_cameras(cameras_, points, seen_);
             }
-            fit = fit_cameras(cameras_, points, seen_);
+        };
+        compare(skin, 4);
+        std::vector<bool> worse = skin_worse(skin, fit);
+        if (std::find(worse.begin(), worse.end(), true) != worse.end()) { // too far off for it
+            for (const int small : {64, 128})
+                compare(SkinPositions(c_, frames_, judged_, head, small), 2);
+            compare(skin, 4);
+            worse = skin_worse(skin, fit);
         }
+        const auto misled = [&](const SeenPoint& s) {
+            return s.point >= static_cast<int>(points_.cols()) &&
+                   worse[static_cast<std::size_t>(s.camera)];
+        };
+        if (std::none_of(seen_.begin(), seen_.end(), misled)) return fit;
+        seen_.erase(std::remove_if(seen_.begin(), seen_.end(), misled), seen_.end());
+        fit = fit_cameras(cameras_, points, seen_);
+        for (std::size_t k = 0; k < worse.size(); ++k)
+            if (worse[k] && irises_of(static_cast<int>(k)) < fewest_eyes) fit.changes[k] = {};
         return fit;
+    }
+    int irises_of(int camera) const {
+        return static_cast<int>(
+            std::count_if(seen_.begin(), seen_.begin() + static_cast<std::ptrdiff_t>(irises_),
+                          [&](const SeenPoint& s) { return s.camera == camera; }));
+    }
+    /// Returns true for cameras whose skin does not look clearly more like that of the others by
+    /// the fit than by the capture's numbers, though the fit moves it: its comparison was misled,
+    /// as by hair.
+    std::vector<bool> skin_worse(const SkinPositions& skin, const CameraFit& fit) const {
+        constexpr double clearly = 0.9;
+        std::vector<Pinhole<double>> now;
+        for (std::size_t k = 0; k < cameras_.size(); ++k)
+            now.push_back(changed(cameras_[k], fit.changes[k]));
+        const std::vector<double> after = skin.differences(now);
+        std::vector<bool> worse(cameras_.size(), false);
+        for (std::size_t k = 0; k < cameras_.size(); ++k) {
+            CameraFinding moved;
+            displacement(k, now[k], moved);
+            if (moved.off <= bound) continue;
+            std::vector<Pinhole<double>> but_one = now;
+            but_one[k] = cameras_[k];
+            const double before = skin.differences(but_one)[k];
+            worse[k] = before > 0 && after[k] > clearly * before;
+        }
+        return worse;
     }
 
     void judge(const CameraFit& fit) {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/skin_positions.hpp: where cameras show the skin, by comparing their pictures of the same
 /// frames at the points of the labels: the picture of a camera whose numbers are wrong is displaced
-/// everywhere in nearly the same way. Source: Lucas and Kanade, 1981, with the displacement an
-/// affine function of the position and a gain (Shi and Tomasi, 1994).
+/// everywhere in nearly the same way. Source: Lucas and Kanade, 1981, with a similarity of the
+/// picture, which is what a camera does that turns and zooms, and a gain.
 #pragma once
 
 #include <vector>
@@ -16,14 +16,19 @@ namespace rye::trainer {
 class SkinPositions {
   public:
     /// frames, cameras: indices in the capture; head_centre: in the head's frame. Reads all their
-    /// pictures; those above 512 pixels are made smaller.
+    /// pictures; those above `largest` pixels are made smaller, in which skin is found that is
+    /// further off.
     SkinPositions(const Capture& capture, const std::vector<int>& frames,
-                  const std::vector<std::size_t>& cameras, const Vec3<double>& head_centre);
+                  const std::vector<std::size_t>& cameras, const Vec3<double>& head_centre,
+                  int largest = 512);
 
     /// Returns where the cameras, as many and in the order of the constructor's, show some landmarks
     /// of the frames; nothing for a camera that shares too little with at least two others, or has
     /// fewer than six frames. The points have the indices of landmarks().
     std::vector<SeenPoint> seen(const std::vector<Pinhole<double>>& cameras) const;
+    /// Returns how much the grey values of each camera's skin differ from those of the others, by a
+    /// gain: robust root mean squares; 0 for a camera that shares none.
+    std::vector<double> differences(const std::vector<Pinhole<double>>& cameras) const;
     /// Returns these landmarks of all frames, 3 x n, world.
     const Columns<double>& landmarks() const { return landmarks_; }
 
