@@ -405,8 +405,10 @@ void avatar_bad_input(const Device& device, const CudaQueue& queue, const Avatar
     drivers.gaze[0].setZero();
     CHECK_FAULT(avatar.set_drivers(queue, drivers), "expected a finite direction");
     CHECK_FAULT(avatar.set_drivers(queue, c.drivers, 2), "column of delta_pose is 2");
-    CHECK_FAULT(avatar.set_drivers(queue, c.drivers, 0, {0, {}}),
-                "column of delta_view is 0, expected -1 to -1");
+    AvatarCase<E> corrected = with_corrections(c);
+    Avatar views(device, queue, {corrected.avatar, corrected.config, corrected.roles});
+    CHECK_FAULT(views.set_drivers(queue, c.drivers, 0, {3, {}}),
+                "column of delta_view is 3, expected -1 to 2");
     // A gaze that a kernel wrote.
     avatar.set_drivers(queue, c.drivers);
     const float bad[3] = {0, std::numeric_limits<float>::quiet_NaN(), 1};

@@ -71,7 +71,9 @@ int main(int count, char** words) try {
           std::tuple("... the shapes of the face model (`fit_shapes`)", true, true)}) {
         config.mesh.fit_regions = regions;
         config.mesh.fit_shapes = shapes;
-        const RegressionConfig prior = expression_prior(capture, subject, config.mesh);
+        RegressionConfig prior = expression_prior(capture, subject, config.mesh);
+        prior.noise = landmark_noise<float, MeshEffects>(
+            train_backend(), {config.avatar, neutral, neutral}, subject.roles, train, prior);
         if (shapes && prior.expression_shapes.size() == 0) {
             std::printf("| %s | no expression_shapes.npz | |\n", name);
             continue;

@@ -201,6 +201,40 @@ TEST_CASE("frames of other landmarks are refused") {
     CHECK_FAULT(subject.regression(frames), "got a frame of 10 landmarks, expected 66");
 }
 
+TEST_CASE("noise of landmarks is found, and no coefficient explains it") {
+    const Subject subject;
+    const auto noise_of = [&](const std::vector<MeshSample<double>>& frames) {
+        return landmark_noise<double, PaperEffects>(
+            B{}, {subject.config, subject.neutral, subject.neutral}, subject.roles, frames);
+    };
+    auto frames = subject.frames(24);
+    const auto unseen = subject.frames(32);
+    CHECK(noise_of(frames) == 0);
+    Draw draw{{13, 0}};
+    for (MeshSample<double>& f : frames)
+        f.landmarks += draw.columns(3, f.landmarks.cols(), 0.015 * std::sqrt(3.0)); // to one sigma
+    const double noise = noise_of(frames);
+    CAPTURE(noise);
+    CHECK(noise >= 0.005);
+    CHECK(noise <= 0.03);
+    const auto error = [&](double knows) {
+        RegressionConfig prior;
+        prior.noise = knows;
+        const LandmarkRegression r = subject.regression(frames, prior);
+        double sum = 0;
+        for (std::size_t f = 24; f < unseen.size(); ++f)
+            sum += rms(subject.neutral +
+                           r.displacement<double>(landmark_regressors(unseen[f].drivers)),
+                       unseen[f].landmarks);
+        return sum;
+    };
+    CAPTURE(error(noise));
+    CAPTURE(error(0));
+    CHECK(error(noise) < 0.8 * error(0));
+    frames.resize(7);
+    CHECK(noise_of(frames) == 0); // too few to tell
+}
+
 TEST_CASE("mixed frames: coefficients of two frames or 0, landmarks of the regression") {
     const Subject subject;
     const auto frames = subject.frames(6);

@@ -183,10 +183,16 @@ class Trainer {
 
     void fit_to_landmarks() {
         if (state_.config.mesh.fit_steps == 0) return;
-        const double left = fit_landmarks(state_, capture_);
-        folder_.log({{"stage", "mesh"}, {"step", state_.step}, {"landmark_rms", left}});
-        if (!quiet(options_))
-            std::cout << brief("landmarks of all frames fitted: landmark_rms", left) << "\n";
+        const FittedLandmarks left = fit_landmarks(state_, capture_);
+        folder_.log({{"stage", "mesh"},
+                     {"step", state_.step},
+                     {"landmark_rms", left.rms},
+                     {"landmark_noise", left.noise}});
+        if (quiet(options_)) return;
+        std::cout << brief("landmarks of all frames fitted: landmark_rms", left.rms);
+        if (left.noise > 0)
+            std::cout << "; " << brief("noise", left.noise);
+        std::cout << "\n";
     }
 
     /// Logs and shows a step, the last of `taken` steps taken together.

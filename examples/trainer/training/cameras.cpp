@@ -29,6 +29,7 @@ namespace {
 constexpr double bound = 1.5;
 constexpr std::size_t fewest_frames = 6;
 constexpr int fewest_eyes = 6; ///< in a camera's pictures
+constexpr double fewest_facing = 0.7; ///< cosine: irises that are seen more from the side mislead
 
 /// Correction of the cameras of one capture.
 class CameraCorrector {
@@ -185,7 +186,7 @@ class CameraCorrector {
                 for (const SeenIris& s : irises[i][e]) {
                     constexpr double off = 0.03; // error of a sharp iris, times its edge
                     const int k = index[static_cast<std::size_t>(s.camera)];
-                    if (k >= 0)
+                    if (k >= 0 && facing(i, e, cameras_[static_cast<std::size_t>(k)]) > fewest_facing)
                         seen_.push_back({k, point(i, e), s.at, off * s.edge / s.sharpness});
                 }
         irises_ = seen_.size();
@@ -197,6 +198,13 @@ class CameraCorrector {
         points_ = points;
         return fit_cameras(cameras_, points_, seen_);
     }
+    /// Returns the cosine of the angle between an eye's optical axis and the line to a camera.
+    double facing(std::size_t i, std::size_t e, const Pinhole<double>& camera) const {
+        const CaptureFrame& f = frame(i);
+        const Vec3<double> axis = so3_exp(Vec3<double>(f.pose.head<3>())) * f.eyes[e].optical;
+        return axis.dot((camera.centre() - *f.eyes[e].centre).normalized());
+    }
+
     /// Returns the fit to masks, irises and the skin, which is compared with other cameras' pictures
     /// by the current fit.
     CameraFit by_skin(CameraFit fit) {

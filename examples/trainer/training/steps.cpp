@@ -70,7 +70,7 @@ void pretrain_mesh(TrainState& state, MeshNetworks* networks) {
     pretrain_mesh_by(train_backend(), state);
 }
 
-double fit_landmarks(TrainState& state, const Capture& capture) {
+FittedLandmarks fit_landmarks(TrainState& state, const Capture& capture) {
     std::vector<MeshSample<float>> frames;
     for (const int frame : capture.train)
         frames.push_back(mesh_sample(capture, state.subject, state.config, frame, {}));
@@ -80,10 +80,17 @@ double fit_landmarks(TrainState& state, const Capture& capture) {
     fit.mixed = state.config.mesh.fit_mixed;
     fit.random = seed_of(state).fork(9);
     fit.regression = expression_prior(capture, state.subject, state.config.mesh);
-    return fit_deformation(
+    const Columns<float>& neutral = state.mesh.landmarks;
+    if (fit.mixed > 0)
+        fit.regression.noise =
+            landmark_noise<float, MeshEffects>(train_backend(),
+                                               {state.config.avatar, neutral, neutral},
+                                               state.subject.roles, frames, fit.regression);
+    const double rms = fit_deformation(
         train_backend(), state.mesh,
         {state.config.avatar, state.subject.roles, state.config.mesh.landmarks_follow_gaze}, frames,
         fit);
+    return {rms, fit.regression.noise};
 }
 
 AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {

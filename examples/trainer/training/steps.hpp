@@ -34,11 +34,16 @@ class MeshNetworks;  ///< on a device (training/mesh_networks.hpp); below, null 
 /// Fits the guidance mesh to a sphere, from the state's seed.
 void pretrain_mesh(TrainState& state, MeshNetworks* networks = nullptr);
 
+/// Result of fit_landmarks, canonical units.
+struct FittedLandmarks {
+    double rms = 0;   ///< remaining error of a coordinate, root mean square
+    double noise = 0; ///< landmark_noise() of a coordinate, which mixed frames are freed from
+};
+
 /// Fits the guidance mesh's deformations to the landmarks of all training frames; see
-/// fit_deformation. Returns the remaining root mean square error, canonical units. Uses the names
-/// and shapes of the capture's expressions for those that it does not show, as mesh.fit_regions and
-/// fit_shapes say.
-double fit_landmarks(TrainState& state, const Capture& capture);
+/// fit_deformation. Uses the names and shapes of the capture's expressions for those that it does
+/// not show, as mesh.fit_regions and fit_shapes say.
+FittedLandmarks fit_landmarks(TrainState& state, const Capture& capture);
 
 /// Number of Gaussians of an avatar.
 struct AvatarSize {

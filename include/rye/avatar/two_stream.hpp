@@ -23,9 +23,9 @@ struct TwoStream : OwnParameters<T, E> {
     /// 4 x training frames, or empty: added to the angles of the tracked gazes, (pitch, yaw) of the
     /// left eye, then of the right [rad]. Needs eyes.kappa, which may be 0.
     [[no_unique_address]] Slot<E, Kappa, Columns<T>> delta_gaze;
-    /// 6 x cameras, or empty: how the head is moved in the pictures of each camera, by an axis-angle
-    /// about a common point and a translation, in the world. A camera whose pose is wrong by the
-    /// inverse motion shows the same.
+    /// 6 x cameras, or empty: how the head is moved in the pictures of each camera, by an
+    /// axis-angle about a common point and a translation, in the world. A camera whose pose is
+    /// wrong by the inverse motion shows the same.
     [[no_unique_address]] Slot<E, HeadPose, Columns<T>> delta_view;
     [[no_unique_address]] Slot<E, HeadShading, Shading<T>> shading;
 
@@ -153,8 +153,8 @@ struct DriveGradients {
     TwoStream<T, E>& avatar;
 };
 
-/// Accumulates parameter gradients (all but the upsampler's, delta_pose's and delta_gaze's). Returns
-/// the cotangent of the pose: 0 if nothing reads it.
+/// Accumulates parameter gradients (all but those of the upsampler, delta_pose and delta_gaze).
+/// Returns the cotangent of the pose: 0 if nothing reads it.
 template <class T, EffectSet E, Backend B>
 Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
                     const std::type_identity_t<AvatarFrame<T, E>>& frame,

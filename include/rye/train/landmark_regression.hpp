@@ -32,6 +32,7 @@ struct RegressionConfig {
     /// E x 3 L, displacement (e, 3 l + axis) by a coefficient of 1 in a face model [unit]; the
     /// regression fits the remainder. Empty: unknown.
     Columns<double> expression_shapes = {};
+    double noise = 0;       ///< standard deviation of what no regressor explains [unit]
 };
 
 namespace detail {
@@ -165,13 +166,14 @@ LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>
         for (Index l = begin; l < end; ++l) {
             for (Index k = 0; k < regressors; ++k)
                 variance[static_cast<std::size_t>(k)] = reach(k, l) * reach(k, l);
+            double ridge = std::max(config.ridge, config.noise * config.noise);
             for (int i = 0; i < config.iterations; ++i) {
                 for (Index f = 0; f < n; ++f) {
                     for (Index k = 0; k < regressors; ++k)
                         spread(f, k) = x[static_cast<std::size_t>(f)][static_cast<std::size_t>(k)] *
                                        variance[static_cast<std::size_t>(k)];
                     for (Index g = 0; g <= f; ++g) {
-                        double sum = f == g ? config.ridge : 0;
+                        double sum = f == g ? ridge : 0;
                         for (Index k = 0; k < regressors; ++k)
                             sum += spread(f, k) *
                                    x[static_cast<std::size_t>(g)][static_cast<std::size_t>(k)];
@@ -202,6 +204,7 @@ LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>
                     most = std::max(most, v);
                 }
                 for (double& v : variance) v /= most;
+                ridge = std::max(config.ridge, config.noise / most * (config.noise / most));
             }
         }
     };
@@ -209,6 +212,43 @@ LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>
     r.knows_shapes = shapes.size() > 0;
     if (r.knows_shapes) r.coefficient.middleRows(1, shapes.rows()) += shapes;
     return r;
+}
+
+/// Returns the noise by which regressions of some of the frames predict the landmarks of the others
+/// best (cross-validation): 0 for landmarks and expressions that agree, and for fewer than eight
+/// frames. Regressions that know of no noise explain it by coefficients, and are off by several
+/// times as much in frames that they have not seen.
+template <class T, EffectSet E, Backend B>
+double landmark_noise(const B& backend, const InfluenceInput<T>& neutral,
+                      const LandmarkRoles& roles, const std::vector<MeshSample<T, E>>& frames,
+                      RegressionConfig config = {}) {
+    constexpr std::size_t parts = 4, fewest = 8;
+    constexpr double clearly = 0.9; // less than this share of the error without noise
+    if (frames.size() < fewest) return 0;
+    const auto error = [&](double noise) {
+        config.noise = noise;
+        double sum = 0;
+        for (std::size_t part = 0; part < parts; ++part) {
+            std::vector<MeshSample<T, E>> seen;
+            for (std::size_t f = 0; f < frames.size(); ++f)
+                if (f % parts != part) seen.push_back(frames[f]);
+            const LandmarkRegression r = landmark_regression(backend, neutral, roles, seen, config);
+            for (std::size_t f = part; f < frames.size(); f += parts) {
+                const Columns<T> got =
+                    neutral.landmarks +
+                    r.template displacement<T>(landmark_regressors(frames[f].drivers));
+                sum += static_cast<double>((got - frames[f].landmarks).squaredNorm());
+            }
+        }
+        return std::sqrt(sum);
+    };
+    double best = 0, least = clearly * error(0);
+    for (const double noise : {0.005, 0.01, 0.015, 0.02, 0.03, 0.05})
+        if (const double e = error(noise); e < least) {
+            least = e;
+            best = noise;
+        }
+    return best;
 }
 
 /// Returns a frame that `frames` do not show, with the landmarks of the regression: each

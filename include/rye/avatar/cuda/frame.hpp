@@ -23,8 +23,8 @@ inline constexpr bool frames_have_corrections =
     has_effect<E, ReadsHeadPose> || has_effect<E, Kappa>;
 
 /// Where the numbers of a frame's drivers lie, one after the other, as far as effects read them:
-/// expression, pose, scale, gaze of each eye that turns, the column of delta_pose and delta_gaze, -1
-/// for none, that of delta_view, and the pivot of that.
+/// expression, pose, scale, gaze of each eye that turns, the column of delta_pose and delta_gaze,
+/// -1 for none, that of delta_view, and its pivot.
 template <EffectSet E>
 struct DriverPlaces {
     Index expression = 0, pose = 0, scale = 0, gaze[2] = {0, 0}, column = 0, view = 0, size = 0;
@@ -44,8 +44,8 @@ struct DriverPlaces {
     }
 
     /// The numbers of a frame's drivers; `frame_column` is the frame's in delta_pose and
-    /// delta_gaze, -1: none; `seen` the picture's view. Throws an Error for an expression of another width, and for a gaze
-    /// without a direction.
+    /// delta_gaze, -1: none; `seen` the picture's view. Throws an Error for an expression of
+    /// another width, and for a gaze without a direction.
     std::vector<float> packed(const Drivers<float, E>& drivers,
                               [[maybe_unused]] Index frame_column,
                               [[maybe_unused]] const SeenBy<float>& seen = {}) const {

@@ -133,17 +133,23 @@ class DeviceTwoStream {
     /// Gives them: the host's avatar, as its checkpoints have it. Waits.
     void download(const CudaQueue& queue, Host& to) const { parameters_.fetch(queue, to); }
 
-    /// Takes what the next frames are driven by; `column`: the frame's in delta_pose and
-    /// delta_gaze, which correct pose and gazes, -1 for none; `seen`: the picture's view. Waits.
-    /// Throws an Error for an expression of another width, a gaze without direction, a column that
-    /// is not there.
-    void set_drivers(const CudaQueue& queue, const Drivers<float, E>& drivers, Index column = -1,
-                     const SeenBy<float>& seen = {}) {
+    /// The numbers that set_drivers takes, for kernels that write them; with its errors.
+    std::vector<float> packed(const Drivers<float, E>& drivers, Index column,
+                              SeenBy<float> seen) const {
+        if (!corrects_views()) seen = {};
         require(seen.column < cameras(), "DeviceTwoStream", "column of delta_view is ",
                 seen.column, ", expected -1 to ", cameras() - 1);
         require(column >= -1 && column < frames(), "DeviceTwoStream", "column of delta_pose is ",
                 column, ", expected -1 to ", frames() - 1);
-        const std::vector<float> numbers = drivers_.packed(drivers, column, seen);
+        return drivers_.packed(drivers, column, seen);
+    }
+    /// Takes what the next frames are driven by; `column`: the frame's in delta_pose and
+    /// delta_gaze, which correct pose and gazes, -1 for none; `seen`: the picture's view, if
+    /// cameras are corrected. Waits. Throws an Error for an expression of another width, a gaze
+    /// without direction, a column that is not there.
+    void set_drivers(const CudaQueue& queue, const Drivers<float, E>& drivers, Index column = -1,
+                     const SeenBy<float>& seen = {}) {
+        const std::vector<float> numbers = packed(drivers, column, seen);
         device_.send(queue, driver_numbers_.data(), numbers.data(), numbers.size() * sizeof(float));
     }
     /// The drivers' numbers in device memory (DriverPlaces), for kernels that write them.

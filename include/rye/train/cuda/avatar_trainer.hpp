@@ -59,7 +59,7 @@ class DeviceAvatarTrainer {
           losses_(device, weights_, perceptual),
           smoothness_(device),
           channels_(from.avatar.upsampler.shape.in_channels),
-          centred_poses_(training.centred_corrections) {
+          centring_(device, queue, from.avatar, training) {
         upsampler_.keep_planes = true;
         for (auto& f : frame_) f = std::make_unique<DeviceFrame<Device>>(device);
         adam_.send(queue, from.adam);
@@ -75,12 +75,6 @@ class DeviceAvatarTrainer {
             most_.reserve(queue, static_cast<std::size_t>(most.size()));
             device.send(queue, most_.data(), most.data(), bytes_of(most.size()));
         }
-        if (avatar_.corrects_views()) {
-            check_directions(training.view_directions, avatar_.cameras(), "DeviceAvatarTrainer");
-            const Columns<float> gauge = view_gauge(training.view_directions).template cast<float>();
-            gauge_.reserve(queue, static_cast<std::size_t>(gauge.size()));
-            device.send(queue, gauge_.data(), gauge.data(), bytes_of(gauge.size()));
-        }
         state_.reserve(queue, 1);
         numbers_.reserve(queue, 1);
         send_state(queue);
@@ -95,12 +89,7 @@ class DeviceAvatarTrainer {
         require(view.frame >= -1 && view.frame < avatar_.frames(), "DeviceAvatarTrainer", "view ",
                 views_.count(), ": frame is ", view.frame, ", expected -1 to ",
                 avatar_.frames() - 1);
-        SeenBy<float> seen;
-        if (avatar_.corrects_views()) seen = view.view;
-        require(seen.column < avatar_.cameras(), "DeviceAvatarTrainer", "view ", views_.count(),
-                ": column of delta_view is ", seen.column, ", expected -1 to ",
-                avatar_.cameras() - 1);
-        return views_.add(queue, view, avatar_.driver_places().packed(drivers, view.frame, seen));
+        return views_.add(queue, view, avatar_.packed(drivers, view.frame, view.view));
     }
 
     /// Takes the steps of these draws in order; waits once for all of them, and again only if
@@ -141,7 +130,8 @@ class DeviceAvatarTrainer {
                           trace_[0].bytes() + trace_[1].bytes() + views_.bytes() +
                           smoothness_.bytes() + losses_.bytes() + part_[0].bytes() +
                           part_[1].bytes() + colours_.bytes() + images_.bytes() + white_.bytes() +
-                          most_.bytes() + gauge_.bytes() + state_.bytes() + numbers_.bytes() + rows_.bytes();
+                          most_.bytes() + centring_.bytes() + state_.bytes() + numbers_.bytes() +
+                          rows_.bytes();
         for (const auto& f : frame_) sum += f->bytes();
         return sum;
     }
@@ -370,8 +360,7 @@ class DeviceAvatarTrainer {
         const DeviceAdamControl* const control = &state_.data()->control;
         adam_.step_into(queue, avatar_.parameters(), gradient_, control);
         const Host& host = avatar_.shapes();
-        centre_corrections_into(device_, queue, adam_.state(), host, avatar_.parameters(),
-                                centred_poses_, gauge_.data());
+        centring_.into(queue, adam_.state(), host, avatar_.parameters());
         if (most_.size() > 0) {
             const DeviceColumns<float> scales = avatar_.parameters().of(host.eyes.log_scale);
             launch_each(device_, queue, scales.size(),
@@ -394,10 +383,10 @@ class DeviceAvatarTrainer {
     DeviceImageLosses<Device, Perceptual> losses_;
     DeviceSmoothnessTerms<E, Device> smoothness_;
     Index channels_;            ///< channels of a render
-    bool centred_poses_;
+    DeviceCentring<E, Device> centring_;
     DeviceCloudBuffer part_[2]; ///< gradients of the face's and of the eyes' render
     DeviceStepImageMemory images_;
-    DeviceBuffer<float> colours_, white_, most_, gauge_;
+    DeviceBuffer<float> colours_, white_, most_;
     DeviceBuffer<DeviceStepState> state_;
     DeviceBuffer<DeviceStepNumbers> numbers_;
     DeviceBuffer<DeviceStepRow> rows_;

@@ -5,6 +5,7 @@
 #include <rye/avatar/two_stream.hpp>
 #include <rye/nn/cuda/adam.hpp>
 #include <rye/train/centring.hpp>
+#include <rye/train/view_gauge.hpp>
 
 namespace rye {
 
@@ -33,8 +34,8 @@ struct CentreRowsKernel {
     }
 };
 
-/// Kernel that subtracts from each column of delta_view what all share, if the optimiser has applied
-/// its step.
+/// Kernel that subtracts from each column of delta_view what all share, if the optimiser has
+/// applied its step.
 struct CentreViewsKernel {
     static constexpr const char* name = "views centred";
     static constexpr int threads = 128, blocks = 1;
@@ -42,7 +43,7 @@ struct CentreViewsKernel {
         float motion[6];
     };
     const DeviceAdamState* adam;
-    const float* gauge;       ///< view_gauge()
+    const float* gauge;         ///< view_gauge()
     DeviceColumns<float> array; ///< delta_view
 
     template <class Block>
@@ -58,26 +59,53 @@ struct CentreViewsKernel {
     }
 };
 
-/// Subtracts the mean over frames from the gazes' corrections, and from the poses' if `poses`; from
-/// those of cameras what they share by `gauge`.
-/// `parameters`: shapes of the host's avatar.
-template <class Device, EffectSet E>
-void centre_corrections_into(
-    [[maybe_unused]] const Device& device, [[maybe_unused]] const CudaQueue& queue,
-    [[maybe_unused]] const DeviceAdamState* adam, [[maybe_unused]] const TwoStream<float, E>& host,
-    [[maybe_unused]] const Resident<TwoStream<float, E>, Device>& parameters,
-    [[maybe_unused]] bool poses, [[maybe_unused]] const float* gauge) {
-    [[maybe_unused]] const auto centre = [&](const Columns<float>& array) {
-        device.launch(queue, 1, CentreRowsKernel{adam, parameters.of(array)});
-    };
-    if constexpr (has_effect<E, HeadPose>)
-        if (host.delta_view.size() > 0)
-            device.launch(queue, 1,
-                          CentreViewsKernel{adam, gauge, parameters.of(host.delta_view)});
-    if constexpr (has_effect<E, Kappa>)
-        if (host.delta_gaze.size() > 0) centre(host.delta_gaze);
-    if constexpr (has_effect<E, ReadsHeadPose>)
-        if (poses && host.delta_pose.size() > 0) centre(host.delta_pose);
-}
+/// What subtracts after a step what corrections share: from those of gazes their mean over frames,
+/// from those of poses too if the training says so, and from those of cameras what all show alike.
+template <EffectSet E, class Device>
+class DeviceCentring {
+    using Host = TwoStream<float, E>;
+
+  public:
+    /// Waits. Throws an Error unless there is a unit vector for each camera that is corrected.
+    template <class Training>
+    DeviceCentring(const Device& device, [[maybe_unused]] const CudaQueue& queue,
+                   [[maybe_unused]] const Host& host, const Training& training)
+        : device_(device), poses_(training.centred_corrections) {
+        if constexpr (has_effect<E, HeadPose>)
+            if (host.delta_view.size() > 0) {
+                check_directions(training.view_directions, host.delta_view.cols(),
+                                 "DeviceAvatarTrainer");
+                const auto gauge = Columns<float>(
+                    view_gauge(training.view_directions).template cast<float>());
+                gauge_.reserve(queue, static_cast<std::size_t>(gauge.size()));
+                device.send(queue, gauge_.data(), gauge.data(),
+                            static_cast<std::size_t>(gauge.size()) * sizeof(float));
+            }
+    }
+
+    /// Enqueues it. host: shapes of the parameters.
+    void into([[maybe_unused]] const CudaQueue& queue,
+              [[maybe_unused]] const DeviceAdamState* adam, [[maybe_unused]] const Host& host,
+              [[maybe_unused]] const Resident<Host, Device>& parameters) const {
+        [[maybe_unused]] const auto centre = [&](const Columns<float>& array) {
+            device_.launch(queue, 1, CentreRowsKernel{adam, parameters.of(array)});
+        };
+        if constexpr (has_effect<E, HeadPose>)
+            if (host.delta_view.size() > 0)
+                device_.launch(
+                    queue, 1,
+                    CentreViewsKernel{adam, gauge_.data(), parameters.of(host.delta_view)});
+        if constexpr (has_effect<E, Kappa>)
+            if (host.delta_gaze.size() > 0) centre(host.delta_gaze);
+        if constexpr (has_effect<E, ReadsHeadPose>)
+            if (poses_ && host.delta_pose.size() > 0) centre(host.delta_pose);
+    }
+    std::size_t bytes() const { return gauge_.bytes(); }
+
+  private:
+    Device device_;
+    bool poses_;
+    DeviceBuffer<float> gauge_; ///< view_gauge()
+};
 
 } // namespace rye
