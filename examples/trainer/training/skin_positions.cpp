@@ -43,7 +43,7 @@ void blur(std::vector<float>& grey, int width, int height) {
 
 SkinPositions::SkinPositions(const Capture& capture, const std::vector<int>& frames,
                              const std::vector<std::size_t>& cameras,
-                             const Vec3<double>& head_centre, int largest)
+                             const Vec3<double>& head, int largest)
     : middle_(capture.width / 2.0, capture.height / 2.0) {
     constexpr Index most_points = 2000;
     const int smaller = (std::max(capture.width, capture.height) + largest - 1) / largest;
@@ -53,7 +53,7 @@ SkinPositions::SkinPositions(const Capture& capture, const std::vector<int>& fra
         const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frames[i])];
         const Index stride = 1 + f.vertices.cols() / most_points;
         const Columns<double> all = chosen_landmarks(f.landmarks, f.vertices, stride);
-        const Vec3<double> centre = so3_exp(Vec3<double>(f.pose.head<3>())) * head_centre * f.scale +
+        const Vec3<double> centre = so3_exp(Vec3<double>(f.pose.head<3>())) * head * f.scale +
                                     f.pose.tail<3>();
         points_.push_back(all);
         outwards_.push_back((all.colwise() - centre).colwise().normalized());

@@ -15,11 +15,11 @@ namespace rye::trainer {
 /// Pictures of some frames by some cameras, for comparisons at points of the skin.
 class SkinPositions {
   public:
-    /// frames, cameras: indices in the capture; head_centre: in the head's frame. Reads all their
+    /// frames, cameras: indices in the capture; head: its centre in the head's frame. Reads all their
     /// pictures; those above `largest` pixels are made smaller, in which skin is found that is
     /// further off.
     SkinPositions(const Capture& capture, const std::vector<int>& frames,
-                  const std::vector<std::size_t>& cameras, const Vec3<double>& head_centre,
+                  const std::vector<std::size_t>& cameras, const Vec3<double>& head,
                   int largest = 512);
 
     /// Returns where the cameras, as many and in the order of the constructor's, show some landmarks

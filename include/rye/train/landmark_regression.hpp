@@ -243,7 +243,7 @@ double landmark_noise(const B& backend, const InfluenceInput<T>& neutral,
         return std::sqrt(sum);
     };
     double best = 0, least = clearly * error(0);
-    for (const double noise : {0.005, 0.01, 0.015, 0.02, 0.03, 0.05})
+    for (const double noise : {0.0025, 0.005, 0.01, 0.015, 0.02, 0.03, 0.05})
         if (const double e = error(noise); e < least) {
             least = e;
             best = noise;
