@@ -167,6 +167,66 @@ TEST_CASE("cameras: the skin shows where a displaced camera has the head") {
     CHECK(others / rest < 0.6);
 }
 
+TEST_CASE("cameras: the skin of a displaced camera looks less like that of the others") {
+    const Capture& c = right().capture;
+    const std::vector<std::size_t> all{0, 1, 2, 3, 4, 5};
+    const SkinPositions skin(c, c.train, all, describe_subject(c, preset("cpu")).head_centre);
+    std::vector<Pinhole<double>> truth;
+    for (int k = 0; k < 6; ++k) truth.push_back(c.camera(c.train[0], k));
+    const std::vector<double> before = skin.differences(truth);
+    CameraChange by;
+    by.turn = Vec3<double>(0.008, -0.006, 0); // some pixels
+    for (std::size_t k = 0; k < all.size(); ++k) {
+        CAPTURE(k);
+        CHECK(before[k] > 0);
+        std::vector<Pinhole<double>> is = truth;
+        is[k] = changed(is[k], by);
+        CHECK(skin.differences(is)[k] > 1.15 * before[k]);
+    }
+}
+
+TEST_CASE("cameras: stage 2 goes on where some were wrong; what it finds joins the corrections") {
+    const Capture& c = right().capture;
+    TrainConfig config = preset("cpu");
+    CameraFindings findings;
+    findings.all.resize(2);
+    CHECK(refine_further(findings, c, config) == "");
+    CHECK(config.gaussians.rates.delta_view == 0);
+    findings.all[1].wrong = true;
+    CHECK(refine_further(findings, c, config) == "stage 2 goes on refining the poses of cameras");
+    const AvatarRates& rates = config.gaussians.rates;
+    CHECK(rates.delta_view > 0);
+    CHECK(rates.delta_view_from == 3 * config.gaussians.steps / 10);
+    TrainConfig own = preset("cpu");
+    own.gaussians.rates.delta_view = 1e-12; // keeps them
+    CHECK(refine_further(findings, c, own) == "");
+    CHECK(own.gaussians.rates.delta_view == 1e-12);
+
+    const Flawed flawed(1);
+    Capture corrected = read_capture(flawed.capture.folder);
+    correct_cameras(corrected, preset("cpu"));
+    const std::vector<CorrectedCamera>& before = corrected.corrected_cameras;
+    REQUIRE(!before.empty());
+    CHECK(trained_cameras(corrected, {}).size() == before.size());
+    const int cameras = corrected.camera_count();
+    Columns<float> delta_view = Columns<float>::Zero(6, cameras);
+    delta_view.col(1) << 0.01F, -0.02F, 0.005F, 0.02F, 0.01F, -0.03F;
+    const std::vector<CorrectedCamera> after = trained_cameras(corrected, delta_view);
+    CHECK(after.size() == static_cast<std::size_t>(cameras));
+    Capture again = read_capture(flawed.capture.folder); // the capture's own numbers lead to them
+    CHECK(take_corrected(again, after) == cameras);
+    const int f = corrected.train.front();
+    const Vec3<double> head = mean_head(corrected), x = head + Vec3<double>(0.3, 0.4, 0.2);
+    for (int k = 0; k < cameras; ++k) {
+        CAPTURE(k);
+        const Vec<double, 6> by = delta_view.col(k).cast<double>();
+        const Vec3<double> moved = so3_exp(Vec3<double>(by.head<3>())) * (x - head) + head +
+                                   by.tail<3>();
+        const Vec2<double> should = corrected.camera(f, k).project_point(moved).head<2>();
+        CHECK((again.camera(f, k).project_point(x).head<2>() - should).norm() < 1e-3);
+    }
+}
+
 TEST_CASE("cameras: the number of threads changes no bit, and test frames share a calibration") {
     const Flawed flawed(1, FlawedFrames::all);
     Capture one = read_capture(flawed.capture.folder), more = read_capture(flawed.capture.folder);

@@ -91,6 +91,20 @@ TEST_CASE("run: one by lines of sight comes back from its checkpoint, with its k
     CHECK(back.avatar_adam.step == 7);
 }
 
+TEST_CASE("run: corrections of cameras come back from its checkpoint") {
+    const TemporaryFolder folder;
+    TrainState state = tiny_state();
+    save_checkpoint(folder.path, state);
+    CHECK(!read_safetensors(checkpoint_path(folder.path)).has("avatar.delta_views"));
+    state.avatar.delta_view = Columns<float>::Constant(6, 3, 0.01F);
+    state.avatar_adam = Adam<Avatar>(state.avatar);
+    state.avatar_adam.m.delta_view(2, 1) = 0.5F;
+    save_checkpoint(folder.path, state);
+    const TrainState back = load_checkpoint(folder.path);
+    CHECK(back.avatar.delta_view == state.avatar.delta_view);
+    CHECK(back.avatar_adam.m.delta_view(2, 1) == 0.5F);
+}
+
 TEST_CASE("run: an optical one has no tensor of kappa") {
     const TemporaryFolder folder;
     save_checkpoint(folder.path, tiny_state());
@@ -359,6 +373,14 @@ TEST_CASE("run: shapes, ranges and finiteness of a checkpoint are checked, and n
         e.shape["avatar.delta_poses"] = {1, 6};
         e.floats["avatar.delta_poses"].resize(6);
     });
+    TrainState views = state;
+    views.avatar.delta_view = Columns<float>::Constant(6, 3, 0.01F);
+    views.avatar_adam = Adam<Avatar>(views.avatar);
+    check_refused(views, "tensor 'avatar.delta_views': got shape (3, 5), expected (cameras, 6)",
+                  [](E& e) {
+                      e.shape["avatar.delta_views"] = {3, 5};
+                      e.floats["avatar.delta_views"].resize(15);
+                  });
     check_refused(state, "'train_frames': got shape (0,)", [](E& e) {
         e.shape["train_frames"] = {0};
         e.counts["train_frames"].clear();
