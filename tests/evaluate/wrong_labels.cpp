@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// wrong_labels compare CAPTURE OTHER: how far the labels of OTHER's training frames are from those
-// of CAPTURE.
+// wrong_labels compare CAPTURE OTHER [RUN]: how far the labels of OTHER's training frames are from
+// those of CAPTURE; with the cameras that a run has corrected.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -10,6 +10,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/corrected_cameras.hpp"
 #include "data/validate.hpp"
 
 using namespace rye;
@@ -28,8 +29,10 @@ struct Errors {
     double rms() const { return std::sqrt(squares / count); }
 };
 
-void compare(const std::string& right, const std::string& other) {
-    const Capture a = read_valid_capture(right), b = read_valid_capture(other);
+void compare(const std::string& right, const std::string& other, const std::string& run) {
+    const Capture a = read_valid_capture(right);
+    Capture b = read_valid_capture(other);
+    if (!run.empty()) take_corrected(b, load_corrected_cameras(run));
     require(a.frame_count() == b.frame_count(), other, "has other frames");
     Errors gaze, rotation, translation, expression, cameras;
     for (const int f : a.train) {
@@ -63,9 +66,9 @@ void compare(const std::string& right, const std::string& other) {
 
 int main(int argc, char** argv) {
     try {
-        if (argc != 4 || std::string(argv[1]) != "compare")
-            throw Error("wrong_labels: expected compare CAPTURE OTHER");
-        compare(argv[2], argv[3]);
+        if (argc < 4 || argc > 5 || std::string(argv[1]) != "compare")
+            throw Error("wrong_labels: expected compare CAPTURE OTHER [RUN]");
+        compare(argv[2], argv[3], argc == 5 ? argv[4] : "");
     } catch (const std::exception& e) {
         std::fprintf(stderr, "%s\n", e.what());
         return 1;
