@@ -72,17 +72,20 @@ int main(int count, char** words) try {
         config.mesh.fit_regions = regions;
         config.mesh.fit_shapes = shapes;
         RegressionConfig prior = expression_prior(capture, subject, config.mesh);
-        prior.noise = landmark_noise<float, MeshEffects>(
-            train_backend(), {config.avatar, neutral, neutral}, subject.roles, train, prior);
         if (shapes && prior.expression_shapes.size() == 0) {
             std::printf("| %s | no expression_shapes.npz | |\n", name);
             continue;
         }
-        print_row(
-            name,
-            landmark_regression<float, MeshEffects>(
-                train_backend(), {config.avatar, neutral, neutral}, subject.roles, train, prior),
-            neutral, train, test);
+        const auto fitted = [&] {
+            return landmark_regression<float, MeshEffects>(
+                train_backend(), {config.avatar, neutral, neutral}, subject.roles, train, prior);
+        };
+        print_row(name, fitted(), neutral, train, test);
+        prior.noise = landmark_noise<float, MeshEffects>(
+            train_backend(), {config.avatar, neutral, neutral}, subject.roles, train, prior);
+        char knows[80];
+        std::snprintf(knows, sizeof knows, "... and of noise, %.2f mm", 100 * prior.noise);
+        if (prior.noise > 0) print_row(knows, fitted(), neutral, train, test);
     }
     return 0;
 } catch (const std::exception& e) {
