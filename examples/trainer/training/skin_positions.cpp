@@ -212,7 +212,8 @@ std::vector<SeenPoint> SkinPositions::seen(const std::vector<Pinhole<double>>& c
         }
         for (Index k = 0; k < count; ++k) {
             auto& a = normal[static_cast<std::size_t>(k)];
-            // A displacement of half a pixel is expected, less of what varies over the picture.
+            // A displacement of half a pixel of the compared pictures is expected, less of what
+            // varies over the picture.
             const double pixel = 0.5 / scale_;
             a.diagonal().array() += spread2 / (pixel * pixel);
             right[static_cast<std::size_t>(k)].head<4>() -=
