@@ -14,7 +14,7 @@
 #include <rye/interactive/player.hpp>
 #include <rye/rig/gaze.hpp>
 
-#include "status.hpp"
+#include "objects.hpp"
 
 using namespace rye;
 using namespace rye::c;

@@ -9,7 +9,7 @@
 
 #include <rye/splat/lanes.hpp>
 
-#include "status.hpp"
+#include "objects.hpp"
 
 namespace rye::c {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// c/status.hpp: how the C interface turns exceptions into codes, checks its arguments and makes
-/// its threads.
+/// c/status.hpp: how the C interfaces turn exceptions into codes, check their arguments and read
+/// cameras.
 #pragma once
 
 #include <cmath>
@@ -9,13 +9,9 @@
 #include <string>
 
 #include <rye/c/rye.h>
-#include <rye/avatar/playable.hpp>
-#include <rye/backend/lanes.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/format.hpp>
-#if !defined(__EMSCRIPTEN__)
-#include <rye/core/thread_pool.hpp>
-#endif
+#include <rye/geometry/check_camera.hpp>
 
 namespace rye::c {
 
@@ -25,7 +21,8 @@ struct Failure : Error {
     Failure(rye_status s, const std::string& message) : Error(message), status(s) {}
 };
 
-/// Keeps a message for rye_message(); nothing is thrown for want of memory.
+/// Keeps a message for rye_message(), or its sibling of another library; nothing is thrown for want
+/// of memory.
 rye_status fail(rye_status status, const char* message) noexcept;
 
 /// f() with every exception as a status.
@@ -69,31 +66,6 @@ inline void check_finite(const float* values, Index count, const char* name) {
             throw Error(std::string(name) + ": value " + std::to_string(i) + " is " +
                         number_text(values[i]) + ", expected a finite number");
 }
-
-/// The largest number of threads that is accepted.
-inline constexpr int most_threads = 1024;
-
-inline rye_options checked_options(const rye_options* options) {
-    if (options == nullptr) return RYE_INIT(rye_options);
-    check_struct(options, "options");
-    require(options->threads >= 0 && options->threads <= most_threads, "options: threads", "got ",
-            options->threads, ", expected 0 to ", most_threads);
-    require(options->accuracy >= 0 && options->accuracy <= RYE_ACCURACY_3DGS, "options: accuracy",
-            "got ", options->accuracy, ", expected 0 to 3");
-    return *options;
-}
-
-/// The threads of an object. WebAssembly without shared memory has one.
-#if defined(__EMSCRIPTEN__)
-struct ObjectThreads {
-    explicit ObjectThreads(int) {}
-    Serial threads() { return {}; }
-};
-using LibraryBackend = XsimdBackend<DefaultArch, Serial>;
-#else
-using ObjectThreads = ThreadPool;
-using LibraryBackend = XsimdBackend<DefaultArch, ThreadPool::Handle>;
-#endif
 
 /// The camera; Error for one that cannot draw (check_camera).
 inline Pinhole<float> camera_of(const rye_camera* c) {

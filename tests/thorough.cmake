@@ -7,6 +7,13 @@ if(TARGET rye_c)
   set_source_files_properties(c/client.c PROPERTIES SKIP_PRECOMPILE_HEADERS ON COMPILE_OPTIONS
                               "-std=c11;-Wall;-Wextra;-Wconversion;-Wpedantic;-Werror")
   target_link_libraries(test_c PRIVATE rye_c)
+  if(TARGET rye_device_emulated)
+    target_link_libraries(test_c PRIVATE rye_device_emulated)
+    rye_check(c_device_symbols c/symbols.sh $<TARGET_FILE:rye_device_emulated>
+              ${include}/rye/c/device.h)
+    rye_check(torch torch/torch.sh $<TARGET_FILE:rye_device_emulated>)
+    set_tests_properties(torch PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 300)
+  endif()
 endif()
 
 # Sources for imports, and the program that writes them for the commands of docs/results/importing.md.

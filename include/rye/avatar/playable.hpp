@@ -14,7 +14,7 @@
 #include <rye/avatar/trained.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/format.hpp>
-#include <rye/geometry/camera.hpp>
+#include <rye/geometry/check_camera.hpp>
 #include <rye/math/linalg.hpp>
 
 namespace rye {
@@ -100,37 +100,6 @@ void check_drivers(const std::string& who, const AvatarConfig& config, const Dri
             throw Error(who + ": 'gaze': the " + (eye == 0 ? "left" : "right") +
                         " eye's has the length " + number_text(length) + ", expected 1");
     }
-}
-
-/// Largest side of a picture that is accepted from outside [px].
-inline constexpr int most_picture_side = 16384;
-
-/// Throws Error("who: ...") unless the camera is one that can draw: focal lengths and near depth
-/// positive, sides of 1 to 16384 pixels, all numbers finite, and a rotation (orthonormal to 1e-3,
-/// right-handed).
-template <Real T>
-void check_camera(const std::string& who, const Pinhole<T>& c) {
-    const auto positive = [&](const char* name, T x) {
-        if (!(std::isfinite(x) && x > T(0)))
-            throw Error(who + ": camera: '" + name + "' is " + number_text(x) +
-                        ", expected a positive number");
-    };
-    positive("fx", c.fx);
-    positive("fy", c.fy);
-    positive("near_depth", c.near_depth);
-    require(std::isfinite(c.cx) && std::isfinite(c.cy), who,
-            "camera: the principal point is not finite");
-    if (c.width < 1 || c.height < 1 || c.width > most_picture_side || c.height > most_picture_side)
-        throw Error(who + ": camera: the picture has " + std::to_string(c.width) + " x " +
-                    std::to_string(c.height) + " pixels, expected sides of 1 to " +
-                    std::to_string(most_picture_side));
-    detail::require_all_finite(who, "camera.translation", c.camera_from_world.translation);
-    const Mat3<T>& r = c.camera_from_world.rotation;
-    const T apart = (r.transpose() * r - Mat3<T>::Identity()).cwiseAbs().maxCoeff();
-    const T volume = r.col(0).dot(cross(Vec3<T>(r.col(1)), Vec3<T>(r.col(2))));
-    if (!(apart <= T(1e-3) && volume > T(0)))
-        throw Error(who + ": camera: 'rotation' is no rotation: R^T R differs from 1 by " +
-                    number_text(apart) + ", its determinant is " + number_text(volume));
 }
 
 /// Throws Error("who: ...") with the first fault: shapes that do not belong together, indices of

@@ -129,6 +129,11 @@ struct DeviceFrame {
                 NonFinite non_finite = NonFinite::cull) {
         FrameReport r{};
         device.fetch(queue, &r, m.report, sizeof r);
+        return take(r, max_entries, non_finite);
+    }
+    /// The same with a report that has come to the host by the caller's own copy of `m.report`.
+    bool take(const FrameReport& r, std::int64_t max_entries = std::int64_t(1) << 31,
+              NonFinite non_finite = NonFinite::cull) {
         cost = {static_cast<std::int64_t>(std::uint64_t(r.entries_high) << 32U | r.entries_low),
                 r.groups, r.non_finite};
         if (non_finite == NonFinite::fail && cost.non_finite > 0)

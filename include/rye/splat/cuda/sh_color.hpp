@@ -2,7 +2,8 @@
 /// rye/splat/cuda/sh_color.hpp: colours from spherical harmonics on a device, and their gradients,
 /// by the formula of gaussian/sh_color.hpp. Coefficients go through shared memory, since a
 /// Gaussian's own lie far from its neighbour's. If a frame is given, Gaussians that it does not
-/// show are left out: their colours are 0, and so are their gradients.
+/// show are left out: their colours are 0, and so are their gradients. The order of coefficients
+/// in memory is a type: that of splat files, or that of programs in PyTorch.
 #pragma once
 
 #include <rye/gaussian/sh_color.hpp>
@@ -10,7 +11,7 @@
 
 namespace rye {
 
-/// Inputs of colours, in device memory.
+/// Inputs of colours, in device memory; `constant` and `rest` lie as an order of harmonics says.
 template <class T>
 struct DeviceHarmonics {
     DeviceColumns<T> mean;     ///< 3 x N
@@ -22,6 +23,39 @@ struct DeviceHarmonics {
     operator DeviceHarmonics<U>() const { return {mean, constant, rest}; }
 };
 
+/// As in splat files: constant coefficients in an array of their own, the others of a Gaussian
+/// those of red, of green, then of blue.
+struct HarmonicsByColour {
+    RYE_DEVICE Index constant(Index i) const { return 3 * i; }
+    /// Returns where number k of the rows from Gaussian `base` on is in memory, in ascending order.
+    template <int row>
+    RYE_DEVICE Index memory(Index base, Index k) const {
+        return base * row + k;
+    }
+    /// Returns where it is in those rows, each of red, of green, then of blue.
+    template <int row>
+    RYE_DEVICE static Index place(Index k) {
+        return k;
+    }
+};
+
+/// As in programs of PyTorch: one array of triples of red, green and blue, `bases` of each
+/// Gaussian, the constant one first. `constant` and `rest` both begin where the array does.
+struct HarmonicsByBasis {
+    Index bases;
+
+    RYE_DEVICE Index constant(Index i) const { return 3 * bases * i; }
+    template <int row>
+    RYE_DEVICE Index memory(Index base, Index k) const {
+        return 3 * (bases * (base + k / row) + 1) + k % row;
+    }
+    template <int row>
+    RYE_DEVICE static Index place(Index k) {
+        const Index i = k / row, r = k % row;
+        return i * row + r % 3 * (row / 3) + r / 3;
+    }
+};
+
 namespace detail {
 
 template <int degree>
@@ -30,16 +64,19 @@ struct ShBlock {
     static constexpr int row = 3 * (sh_count(degree) - 1);
     static constexpr int capacity = row > 0 ? row* threads : 1;
 
-    /// Copies the rows of a block's Gaussians, to shared memory or from it.
-    RYE_DEVICE static void copy(float* to, const float* from, Index count, int t) {
-        for (Index k = t; k < count * row; k += threads) to[k] = from[k];
+    /// Calls f(place in memory, place in shared memory) for the rows of a block's Gaussians.
+    template <class Order, class F>
+    RYE_DEVICE static void each(const Order& order, Index base, Index count, int t, const F& f) {
+        if constexpr (row > 0)
+            for (Index k = t; k < count * row; k += threads)
+                f(order.template memory<row>(base, k), Order::template place<row>(k));
     }
 };
 
 } // namespace detail
 
 /// Colours of Gaussians from their harmonics of one degree.
-template <int degree>
+template <int degree, class Order = HarmonicsByColour>
 struct ShColorKernel : detail::ShBlock<degree> {
     using Rows = detail::ShBlock<degree>;
     static constexpr const char* name = "harmonics";
@@ -48,6 +85,7 @@ struct ShColorKernel : detail::ShBlock<degree> {
     struct Shared {
         alignas(16) float rest[Rows::capacity];
     };
+    Order order;
     DeviceHarmonics<const float> in;
     Vec3<float> eye;
     const std::uint32_t* places;
@@ -57,8 +95,10 @@ struct ShColorKernel : detail::ShBlock<degree> {
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         const Index base = Index(block.index()) * Rows::threads;
         const Index count = rye::min(Index(Rows::threads), in.mean.cols - base);
-        block.each_thread(
-            [&](int t) { Rows::copy(shared.rest, in.rest.data + base * Rows::row, count, t); });
+        block.each_thread([&](int t) {
+            Rows::each(order, base, count, t,
+                       [&](Index from, Index to) { shared.rest[to] = in.rest.data[from]; });
+        });
         block.each_thread([&](int t) {
             if (t >= count) return;
             const Index i = base + t;
@@ -66,7 +106,7 @@ struct ShColorKernel : detail::ShBlock<degree> {
             if (places == nullptr || places[i] > 0) {
                 const float* const m = in.mean.data + 3 * i;
                 c = ShColor<float, degree>(Vec3<float>(m[0], m[1], m[2]), eye,
-                                           in.constant.data + 3 * i, shared.rest + t * Rows::row)
+                                           in.constant.data + order.constant(i), shared.rest + t * Rows::row)
                         .rgb();
             }
             for (int k = 0; k < 3; ++k) rgb[3 * i + k] = c[k];
@@ -75,7 +115,7 @@ struct ShColorKernel : detail::ShBlock<degree> {
 };
 
 /// Gradients of harmonics and means, given those of the colours.
-template <int degree>
+template <int degree, class Order = HarmonicsByColour>
 struct ShColorVjpKernel : detail::ShBlock<degree> {
     using Rows = detail::ShBlock<degree>;
     static constexpr const char* name = "vjp of harmonics";
@@ -84,6 +124,7 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
     struct Shared {
         alignas(16) float rest[Rows::capacity], gradient[Rows::capacity];
     };
+    Order order;
     DeviceHarmonics<const float> in;
     Vec3<float> eye;
     const std::uint32_t* places;
@@ -94,20 +135,23 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         const Index base = Index(block.index()) * Rows::threads;
         const Index count = rye::min(Index(Rows::threads), in.mean.cols - base);
-        block.each_thread(
-            [&](int t) { Rows::copy(shared.rest, in.rest.data + base * Rows::row, count, t); });
+        block.each_thread([&](int t) {
+            Rows::each(order, base, count, t,
+                       [&](Index from, Index to) { shared.rest[to] = in.rest.data[from]; });
+        });
         block.each_thread([&](int t) {
             if (t < count) one(shared, base + t, t);
         });
         block.each_thread([&](int t) {
-            Rows::copy(out.rest.data + base * Rows::row, shared.gradient, count, t);
+            Rows::each(order, base, count, t,
+                       [&](Index to, Index from) { out.rest.data[to] = shared.gradient[from]; });
         });
     }
 
   private:
     RYE_DEVICE void one(Shared& shared, Index i, int t) const {
         float* const g_rest = shared.gradient + t * Rows::row;
-        float* const g_constant = out.constant.data + 3 * i;
+        float* const g_constant = out.constant.data + order.constant(i);
         if (places != nullptr && places[i] == 0) {
             for (int k = 0; k < Rows::row; ++k) g_rest[k] = 0;
             for (int k = 0; k < 3; ++k) g_constant[k] = 0;
@@ -116,7 +160,7 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
         const float* const m = in.mean.data + 3 * i;
         const float* const rest = shared.rest + t * Rows::row;
         const ShColor<float, degree> color(Vec3<float>(m[0], m[1], m[2]), eye,
-                                           in.constant.data + 3 * i, rest);
+                                           in.constant.data + order.constant(i), rest);
         const float* const g = g_rgb + 3 * i;
         const Vec3<float> g_mean =
             color.vjp(Vec3<float>(g[0], g[1], g[2]), rest, g_constant, g_rest);
@@ -125,32 +169,33 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
 };
 
 /// Puts the colours of harmonics, seen from `eye`, on the stream: 3 x N numbers.
-template <int most = 4, class Device>
+template <int most = 4, class Device, class Order = HarmonicsByColour>
 void sh_colors_into(const CudaQueue& queue, const Device& device,
                     const DeviceHarmonics<const float>& in, const Vec3<float>& eye, float* rgb,
-                    const FrameMemory* seen = nullptr) {
+                    const FrameMemory* seen = nullptr, const Order& order = {}) {
     const Index n = in.mean.cols;
     detail::with_sh_degree_up_to<most>(
         sh_degree(static_cast<int>(in.rest.rows / 3) + 1), [&](auto degree) {
             device.launch(queue, (n + 127) / 128,
-                          ShColorKernel<degree()>{
-                              {}, in, eye, seen != nullptr ? seen->places : nullptr, rgb});
+                          ShColorKernel<degree(), Order>{
+                              {}, order, in, eye, seen != nullptr ? seen->places : nullptr, rgb});
         });
 }
 
 /// Puts the gradients on the stream: of `constant` and `rest` they are written, that of `mean` is
 /// added.
-template <int most = 4, class Device>
+template <int most = 4, class Device, class Order = HarmonicsByColour>
 void sh_colors_vjp_into(const CudaQueue& queue, const Device& device,
                         const DeviceHarmonics<const float>& in, const Vec3<float>& eye,
                         const float* g_rgb, const DeviceHarmonics<float>& out,
-                        const FrameMemory* seen = nullptr) {
+                        const FrameMemory* seen = nullptr, const Order& order = {}) {
     const Index n = in.mean.cols;
     detail::with_sh_degree_up_to<most>(
         sh_degree(static_cast<int>(in.rest.rows / 3) + 1), [&](auto degree) {
             device.launch(queue, (n + 127) / 128,
-                          ShColorVjpKernel<degree()>{
-                              {}, in, eye, seen != nullptr ? seen->places : nullptr, g_rgb, out});
+                          ShColorVjpKernel<degree(), Order>{
+                              {}, order, in, eye, seen != nullptr ? seen->places : nullptr, g_rgb,
+                              out});
         });
 }
 
