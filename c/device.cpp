@@ -35,42 +35,44 @@ class CallersMemory {
     LibraryMemory own_;
 };
 
-/// The report of a frame on its way to the host.
+/// The report of a frame on its way to the host. Of a frame in a CUDA graph, whose launches nobody
+/// counts, it stays on the device.
 #if defined(__CUDACC__)
 class Arriving {
   public:
-    Arriving() {
-        check_cuda(cudaEventCreateWithFlags(&event_, cudaEventDisableTiming), "frame");
-        report_ = static_cast<FrameReport*>(memory_.allocate(sizeof(FrameReport), nullptr));
-    }
+    Arriving() = default;
     Arriving(const Arriving&) = delete;
     Arriving& operator=(const Arriving&) = delete;
     ~Arriving() {
-        cudaEventDestroy(event_);
-        memory_.release(report_, nullptr);
+        if (event_ != nullptr) cudaEventDestroy(event_);
+        if (report_ != nullptr) memory_.release(report_, nullptr);
     }
     void send(const CudaQueue& queue, const FrameReport* from) {
         cudaStreamCaptureStatus status = cudaStreamCaptureStatusNone;
         check_cuda(cudaStreamIsCapturing(queue.stream, &status), "frame");
         captured_ = status != cudaStreamCaptureStatusNone;
+        if (captured_) return;
+        if (event_ == nullptr)
+            check_cuda(cudaEventCreateWithFlags(&event_, cudaEventDisableTiming), "frame");
+        if (report_ == nullptr)
+            report_ = static_cast<FrameReport*>(memory_.allocate(sizeof(FrameReport), nullptr));
         check_cuda(cudaMemcpyAsync(report_, from, sizeof(FrameReport), cudaMemcpyDeviceToHost,
                                    queue.stream),
                    "frame");
-        if (!captured_) check_cuda(cudaEventRecord(event_, queue.stream), "frame");
+        check_cuda(cudaEventRecord(event_, queue.stream), "frame");
     }
-    /// Returns true once it is there. Of a frame in a graph it is that of the last launch, and
-    /// known only to who waits.
-    bool arrived(bool wait, CudaStream stream) const {
+    /// Sets the report and returns true, if it is there.
+    bool take(bool wait, const CudaQueue& queue, const FrameReport* from, FrameReport& report) {
         if (captured_) {
-            if (wait) check_cuda(cudaStreamSynchronize(stream), "frame");
+            if (wait) LibraryDevice().fetch(queue, &report, from, sizeof report);
             return wait;
         }
         const cudaError_t got = wait ? cudaEventSynchronize(event_) : cudaEventQuery(event_);
         if (got == cudaErrorNotReady) return false;
         check_cuda(got, "frame");
+        report = *report_;
         return true;
     }
-    FrameReport report() const { return *report_; }
 
   private:
     PageLockedMemory memory_;
@@ -81,12 +83,11 @@ class Arriving {
 #else
 class Arriving {
   public:
-    void send(const CudaQueue&, const FrameReport* from) { report_ = *from; }
-    bool arrived(bool, CudaStream) const { return true; }
-    FrameReport report() const { return report_; }
-
-  private:
-    FrameReport report_{};
+    void send(const CudaQueue&, const FrameReport*) {}
+    bool take(bool, const CudaQueue&, const FrameReport* from, FrameReport& report) {
+        report = *from;
+        return true;
+    }
 };
 #endif
 
@@ -317,8 +318,9 @@ rye_status rye_device_finish(rye_device_frame* frame, int32_t wait, rye_device_c
         rye_device_cost r = RYE_INIT(rye_device_cost);
         r.bytes = static_cast<std::int64_t>(f.frame.bytes());
         r.fits = -1;
-        if (f.arriving.arrived(wait != 0, f.stream)) {
-            r.fits = f.frame.take(f.arriving.report()) ? 1 : 0;
+        FrameReport report{};
+        if (f.arriving.take(wait != 0, f.queue(), f.frame.m.report, report)) {
+            r.fits = f.frame.take(report) ? 1 : 0;
             r.entries = f.frame.cost.entries;
             r.groups = f.frame.cost.groups;
             r.skipped = f.frame.cost.non_finite;

@@ -136,43 +136,54 @@ def _release(_, memory, __):
         torch.cuda.caching_allocator_delete(memory)
 
 
+class _Room:
+    """The most that any frame needed, and the frames whose needs are known."""
+
+    def __init__(self):
+        self.entries, self.groups, self.known = 0, 0, set()
+
+
 class _Renderer:
-    """A renderer, its frames that nobody uses, and the room that frames needed."""
+    """A renderer of a device, a stream and settings, and its frames that nobody uses: a frame's
+    memory belongs to one stream, what frames need does not."""
 
-    made = {}
+    made, rooms = {}, {}
 
-    def __init__(self, accuracy, antialias, dilation):
+    def __init__(self, room, accuracy, antialias, dilation):
         options = _Options(accuracy=accuracy, antialias=antialias, dilation=dilation,
                            allocate=_allocate, release=_release)
         self.handle = _POINTER()
         _check(_load().rye_device_renderer_create(ctypes.byref(options), ctypes.byref(self.handle)))
-        self.free, self.entries, self.groups, self.known = [], 0, 0, set()
+        self.free, self.room = [], room
 
     @classmethod
-    def of(cls, device, stream, accuracy, antialias, dilation):
-        """One for each device, stream and setting: a frame's memory belongs to one stream."""
-        key = (device, stream, accuracy, antialias, dilation)
+    def of(cls, device, stream, *settings):
+        key = (device, stream, *settings)
         if key not in cls.made:
-            cls.made[key] = cls(accuracy, antialias, dilation)
+            room = cls.rooms.setdefault((device, *settings), _Room())
+            cls.made[key] = cls(room, *settings)
         return cls.made[key]
 
 
 class _Frame:
     """A frame, which goes back to its renderer when nobody needs it."""
 
-    def __init__(self, renderer):
+    def __init__(self, renderer, captured):
         self.renderer = renderer
-        if renderer.free:
+        self.captured = captured  # in a CUDA graph, whose memory it has
+        if renderer.free and not captured:
             self.handle = renderer.free.pop()
         else:
             self.handle = _POINTER()
             _check(_library.rye_device_frame_create(renderer.handle, ctypes.byref(self.handle)))
         # Twice what was ever needed, so that a frame that was not waited for fits.
-        _check(_library.rye_device_frame_room(self.handle, 2 * renderer.entries,
-                                              2 * renderer.groups))
+        _check(_library.rye_device_frame_room(self.handle, 2 * renderer.room.entries,
+                                              2 * renderer.room.groups))
 
     def __del__(self):
-        if getattr(self, "handle", None):
+        if getattr(self, "handle", None) and self.captured:
+            _library.rye_device_frame_destroy(self.handle)
+        elif getattr(self, "handle", None):
             self.renderer.free.append(self.handle)
 
     def cost(self, wait=True):
@@ -180,8 +191,9 @@ class _Frame:
         cost = _Cost()
         _check(_library.rye_device_finish(self.handle, int(wait), ctypes.byref(cost)))
         if cost.fits >= 0:
-            self.renderer.entries = max(self.renderer.entries, cost.entries)
-            self.renderer.groups = max(self.renderer.groups, cost.groups)
+            room = self.renderer.room
+            room.entries = max(room.entries, cost.entries)
+            room.groups = max(room.groups, cost.groups)
         return {"fits": None if cost.fits < 0 else bool(cost.fits), "entries": cost.entries,
                 "groups": cost.groups, "skipped": cost.skipped, "bytes": cost.bytes}
 
@@ -223,16 +235,19 @@ class _Rasterize(torch.autograd.Function):
         images = means.new_empty((*shape, channels))
         alphas = means.new_empty((*shape, 1))
         capturing = means.is_cuda and torch.cuda.is_current_stream_capturing()
-        key = (means.shape[0], channels, first.width, first.height)
+        known = call.renderer.room.known
+        if len(known) > 10000:
+            known.clear()
         for c, camera in enumerate(call.cameras):
-            frame = _Frame(call.renderer)
+            frame = _Frame(call.renderer, capturing)
+            key = (means.shape[0], channels, call.gradient, bytes(camera))
             cloud = call.cloud(means, quats, scales, opacities, colors, c)
             image = _Image(feature=images[c].data_ptr(), alpha=alphas[c].data_ptr())
             background = None if backgrounds is None else backgrounds[c].data_ptr()
             # A frame for a gradient is looked at in backward, when it is done anyway.
             wait = call.wait
             if wait is None:
-                wait = not (call.gradient and key in call.renderer.known)
+                wait = not (call.gradient and key in known)
             while True:
                 _check(_library.rye_device_draw(frame.handle, ctypes.byref(cloud),
                                                 ctypes.byref(camera), background,
@@ -240,11 +255,12 @@ class _Rasterize(torch.autograd.Function):
                                                 call.stream))
                 if capturing or not wait or frame.cost()["fits"]:
                     break
+            known.add(key)
+            frame.key = key
             call.frames.append(frame)
-        call.renderer.known.add(key)
         if call.gradient:
             ctx.save_for_backward(means, quats, scales, opacities, colors, alphas)
-            ctx.call, ctx.key = call, key
+            ctx.call = call
         return images, alphas
 
     @staticmethod
@@ -262,7 +278,7 @@ class _Rasterize(torch.autograd.Function):
         names = ("mean", "rotation", "scale", "opacity")
         for c, frame in enumerate(call.frames):
             if call.wait is None and not capturing and not frame.cost()["fits"]:
-                call.renderer.known.discard(ctx.key)  # the next call waits
+                call.renderer.room.known.discard(frame.key)  # the next call waits
                 raise DidNotFit(f"rasterize: a frame of {means.shape[0]} Gaussians did not fit, so "
                                 "its pixels were NaN; there is room now, draw it again")
             own = [torch.empty_like(t) if wanted[k] else None
@@ -330,11 +346,11 @@ def rasterize(means, quats, scales, opacities, colors, viewmats, Ks, width, heig
                    last channel; E: divided by alpha
     rasterize_mode "classic", or "antialiased": opacities that keep the sum over pixels
     accuracy       "balanced", "fast", "tight", or "3dgs", the rules of the first implementation
-    wait           How much memory a frame needs is known when it is drawn. None: waits for the
-                   first frame of a size, and for frames without gradient; otherwise gives twice
-                   the room that any frame needed, looks in backward, and raises DidNotFit. True:
-                   waits here, always. False, and in a CUDA graph: never; a frame that does not
-                   fit is NaN, which info["frames"][c].cost() says.
+    wait           How much memory a frame needs is known when it is drawn. None: waits for frames
+                   without gradient, and for the first one of a camera and a number of Gaussians;
+                   otherwise gives twice the room that any frame needed, looks in backward, and
+                   raises DidNotFit. True: waits here, always. False, and in a CUDA graph: never;
+                   a frame that does not fit is NaN, which info["frames"][c].cost() says.
     """
     _load()
     device, n, c = means.device, means.shape[0], viewmats.shape[0]

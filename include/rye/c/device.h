@@ -113,7 +113,8 @@ RYE_API rye_status rye_device_draw(rye_device_frame* frame, const rye_device_clo
                                    const rye_device_image* image, int32_t gradient, void* stream);
 
 /* What the last rye_device_draw took: waits for it if wait is not 0. If the frame did not fit, it
- * has room afterwards. */
+ * has room afterwards. Of a frame in a CUDA graph that is what its last launch took, and known only
+ * to who waits. */
 RYE_API rye_status rye_device_finish(rye_device_frame* frame, int32_t wait, rye_device_cost* cost);
 
 /* Puts the gradient for the last rye_device_draw of this frame on the same stream. The cloud must
