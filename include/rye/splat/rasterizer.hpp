@@ -253,8 +253,8 @@ struct Rasterizer {
     }
 
     template <class T, Distortion D>
-    static void check(const GaussianView<T>& g, const Pinhole<T, D>& camera,
-                      const VecX<T>& background) {
+    void check(const GaussianView<T>& g, const Pinhole<T, D>& camera,
+               const VecX<T>& background) const {
         static_assert(!D::distorts || A::order == BlendOrder::by_centre,
                       "rasterizer: blending by peak needs the straight rays of a pinhole");
         require(background.size() == g.channels(), "rasterizer", "got a background of ",
@@ -266,6 +266,7 @@ struct Rasterizer {
                 pixels, " pixels, expected at most ", std::numeric_limits<Index>::max());
         require(camera.near_depth > T(0), "rasterizer",
                 "got a near depth that is not positive, expected a positive one");
+        check_alpha_min<real_t<T>>(accuracy);
         const std::int64_t count = g.count();  // Index may have 32 bits
         require(count < std::int64_t(no_member), "rasterizer", "got ", count,
                 " Gaussians, expected fewer than 2^32 - 1");
