@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// 08_draw_on_a_device: Gaussians in device memory are drawn on the program's own stream, from its
+// Lesson 8: a device. Gaussians in device memory are drawn on the program's own stream, from its
 // buffers, into its image, and differentiated there. Nothing is copied on the way.
 #include <rye/backend/cuda/device.hpp>
 #include <rye/splat/cuda/rasterizer.hpp>

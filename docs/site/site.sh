@@ -45,7 +45,13 @@ list() { awk -F '\t' '{ printf "- [%s](%s.html)\n", $2, $1 }' "$1"; }
 { printf '# Results {#results}\n\nMeasured tables, each with the command that prints it.\n\n'
   list "$work/results.txt"; } > "$work/pages/results.md"
 {
-    printf '# Lessons {#lessons}\n\nEach is a program of one file in the folder examples, run by the tests.\n'
+    printf '# Lessons {#lessons}\n\nEach is a program of one file in the folder examples, run by the tests.\n\n'
+    for file in examples/[0-9]*; do
+        name=$(basename "$file")
+        about=$(sed -n 's/^[/* ]*Lesson [0-9]*: \([^.]*\)\..*/\1/p' "$file" | head -n 1)
+        [ -n "$about" ] || { echo "site.sh: $file does not say what lesson it is" >&2; exit 1; }
+        printf -- '- [%s](#lessons__%s): %s\n' "$name" "${name%.*}" "$about"
+    done
     for file in examples/[0-9]*; do
         name=$(basename "$file")
         printf '\n## %s {#lessons__%s}\n\n```{.cpp}\n' "$name" "${name%.*}"

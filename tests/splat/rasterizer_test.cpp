@@ -5,6 +5,8 @@
 
 #include <doctest/doctest.h>
 
+#include <limits>
+
 #include "../support/scenes.hpp"
 
 using namespace rye;
@@ -247,6 +249,17 @@ TEST_CASE("rasterizer: arguments of another shape are refused") {
     CHECK_THROWS_AS(render<Plain>(s), Error);
     s = random_scene<float>(50, 3, 17, 10);
     CHECK_THROWS_AS(render<Plain>(s, Balanced{.max_memory = 100 * TileLists::entry_bytes<>}), Error);
+}
+
+TEST_CASE("rasterizer: an alpha_min that is not positive is refused") {
+    const auto s = random_scene<float>(5, 3, 17);
+    const auto r = render<Plain>(s);
+    for (const double least : {0.0, -1.0, 1e-60, std::numeric_limits<double>::quiet_NaN()}) {
+        CAPTURE(least);
+        CHECK_THROWS_AS(render<Plain>(s, Balanced{.alpha_min = least}), Error);
+        CHECK_THROWS_AS(render<Lanes>(s, Balanced{.alpha_min = least}), Error);
+        CHECK_THROWS_AS(gradients<Plain>(s, r, Balanced{.alpha_min = least}), Error);
+    }
 }
 
 TEST_CASE_TEMPLATE("rasterizer: a splat at a pixel's centre survives flips bit for bit", B, Plain,

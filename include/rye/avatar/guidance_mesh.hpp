@@ -45,10 +45,12 @@ struct GuidanceMesh {
     }
 };
 
-/// tanh of the geometry network at points (3 x N): rows signed distance, offset (3), feature.
+/// The geometry network at points (3 x N), and what its vjp reads.
 template <class T>
 struct GeometryTrace {
-    Columns<T> code, output;
+    Columns<T> code; ///< of the points
+    /// tanh of the network, (4 + F) x N: signed distance, positive outside, offset (3), feature.
+    Columns<T> output;
     MlpTrace<T> mlp;
 };
 
@@ -64,8 +66,8 @@ void geometry_at(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarC
 /// The geometry at some points, and the cotangents of its outputs.
 template <class T>
 struct GeometryCotangent {
-    const GeometryTrace<T>& trace;
-    const Columns<T>& output;
+    const GeometryTrace<T>& trace; ///< of geometry_at
+    const Columns<T>& output;      ///< cotangent of trace.output, (4 + F) x N
 };
 
 /// Accumulates network gradients; returns the cotangent of the points.

@@ -37,8 +37,8 @@ inline void check_image_size(const ImageHeader& h, const std::string& who) {
             max_image_edge, " a side");
 }
 
-/// Returns the image in 1 or 3 channels, or as it is for 0: grey from colour by Rec. 601 weights,
-/// colour from grey by repetition, without alpha.
+/// Returns the image in 1 or 3 channels, or as it is for 0: grey from colour by the weights of
+/// BT.601, colour from grey by repetition, without alpha.
 inline Image8 with_channels(Image8 image, int channels) {
     if (channels == 0 || channels == image.channels) return image;
     Image8 out{image.width, image.height, channels, {}};

@@ -10,7 +10,7 @@
 
 namespace rye {
 
-/// N Gaussians with C feature channels.
+/// N Gaussians with C feature channels. convert_fields (core/fields.hpp) copies them to another T.
 template <class T>
 struct Gaussians {
     Columns<T> mean;      ///< 3 x N  [world units]

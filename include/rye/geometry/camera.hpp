@@ -18,7 +18,8 @@
 
 namespace rye {
 
-/// A pinhole camera: intrinsics, pose, near plane and lens. Frames and pixels as above.
+/// A pinhole camera: intrinsics, pose, near plane and lens. Its frame has x right, y down, z
+/// forward: these directions in the world are the rows of camera_from_world.rotation.
 template <Scalar T, Distortion D = NoDistortion>
 struct Pinhole {
     using scalar = T;
@@ -86,7 +87,7 @@ static_assert(Camera<Pinhole<float>> && Camera<Pinhole<float, BrownConrady<float
 
 /// Returns the camera with a lens.
 template <Scalar T, Distortion D>
-    requires D::distorts
+    requires(D::distorts)
 Pinhole<T, D> with_lens(const Pinhole<T>& c, const D& lens) {
     return {c.fx, c.fy, c.cx, c.cy, c.width, c.height, c.camera_from_world, c.near_depth, lens};
 }

@@ -24,7 +24,8 @@ struct NoParameters {
 };
 
 /// Smallest rotation from +z to the gaze, without torsion (paper 3.2). A base for other mechanisms,
-/// which override parts of it.
+/// which override parts of it. Arguments of all functions but init begin with the parameters, the
+/// eye (0: the subject's left) and that eye's gaze, a unit vector.
 struct ExplicitRotation {
     /// True if features() changes anything.
     static constexpr bool changes_features = false;
@@ -36,13 +37,14 @@ struct ExplicitRotation {
     static P init(int, const Random&) {
         return {};
     }
-    /// Returns the eyeball's rotation, a unit quaternion. `gaze` is a unit vector.
+    /// Returns the eyeball's rotation, a unit quaternion. Arguments: parameters, eye, gaze.
     template <class P, class T>
     static Quat<T> turn(const P&, std::size_t, const Vec3<T>& gaze) {
         return shortest_arc(Vec3<T>(T(0), T(0), T(1)), gaze);
     }
-    /// Accumulates the parameters' gradient; returns the gaze's cotangent. `g_turn` is that of the
-    /// four numbers (w, x, y, z). A dual with a number for each input, as here, spares deriving.
+    /// Adds to the parameters' gradient; returns the gaze's cotangent. `g_turn` is that of the four
+    /// numbers (w, x, y, z) of turn's result. Arguments: parameters, eye, gaze, g_turn, gradient.
+    /// A dual with a number for each input, as here, spares deriving.
     template <class P, class T>
     static Vec3<T> turn_vjp(const P&, std::size_t, const Vec3<T>& gaze, const Quat<T>& g_turn, P&) {
         using D = Dual<T, 3>;
@@ -54,11 +56,13 @@ struct ExplicitRotation {
             for (int i = 0; i < 4; ++i) g[k] += g_turn[i] * q[i].d[static_cast<std::size_t>(k)];
         return g;
     }
-    /// Changes the features of one eyeball's Gaussians, C x P, in place.
+    /// Changes the features of one eyeball's P Gaussians, C x P, in place. Arguments: parameters,
+    /// eye, gaze, features.
     template <class P, class T>
     static void features(const P&, std::size_t, const Vec3<T>&, ColumnsSpan<T>) {}
-    /// Replaces the cotangent of the changed features by the cotangent of the features `before`;
-    /// accumulates the parameters' gradient; returns the gaze's cotangent.
+    /// Replaces `g`, the cotangent of the changed features, C x P, by that of the features
+    /// `before` the change; adds to the parameters' gradient; returns the gaze's cotangent.
+    /// Arguments: parameters, eye, gaze, before, g, gradient.
     template <class P, class T>
     static Vec3<T> features_vjp(const P&, std::size_t, const Vec3<T>&, const ColumnsView<T>&,
                                 ColumnsSpan<T>, P&) {

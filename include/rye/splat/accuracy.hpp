@@ -11,6 +11,8 @@
 #include <type_traits>
 
 #include <rye/core/config.hpp>
+#include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
 #include <rye/core/memory.hpp>
 #include <rye/gaussian/antialias.hpp>
 #include <rye/splat/outputs.hpp>
@@ -37,7 +39,7 @@ enum class NonFinite { cull, fail, trust };
 
 /// The default policy: shortcuts whose error is below that of 8-bit pictures.
 struct Balanced {
-    double alpha_min = 1.0 / 2550.0;   ///< contributions below are skipped
+    double alpha_min = 1.0 / 2550.0;   ///< contributions below are skipped; > 0
     double alpha_max = 0.999;          ///< alpha is clamped here; no gradient above
     double stop = 1e-5;                ///< transmittance at which a pixel is full
     double dilation = 0.3;             ///< added variance of Antialias::dilate and mip [px^2]
@@ -164,6 +166,16 @@ template <AccuracyPolicy A>
 RYE_HD constexpr double screen_dilation(const A& accuracy) {
     return A::antialias == Antialias::none ? 0.0 : accuracy.dilation;
 }
+
+/// Throws an Error unless alpha_min, as a number of type R, is positive, or 0 where alpha_floor is
+/// positive: the logarithm of 0 bounds no ellipse, and all Gaussians would be culled.
+template <class R, AccuracyPolicy A>
+void check_alpha_min(const A& accuracy) {
+    const R least = static_cast<R>(accuracy.alpha_min);
+    require(least > 0 || (A::has_floor && least == 0 && accuracy.alpha_floor > 0), "rasterizer",
+            "got alpha_min = ", accuracy.alpha_min, ", expected a positive number such as 1e-9");
+}
+
 static_assert(AccuracyPolicy<Balanced> && AccuracyPolicy<Compatible3dgsFloor>);
 static_assert(!AccuracyPolicy<BlendOrder>);
 

@@ -42,6 +42,23 @@ inline constexpr bool mixed_scalars<Gaussians, Pinhole<T, D>, VecX<U>> = !std::i
 template <class B, class Gaussians, class T, class D, class U>
 inline constexpr bool mixed_scalars<B, Gaussians, Pinhole<T, D>, VecX<U>> = !std::is_same_v<T, U>;
 
+template <class T>
+void take_column(const VecX<T>& column);
+template <class Background>
+concept IsColumn = requires(const Background& b) {
+    take_column(b);
+};
+
+/// True for arguments whose background is no VecX: an expression, or a vector of fixed size.
+template <class... Arguments>
+inline constexpr bool background_is_no_column = false;
+template <class Gaussians, class T, class D, class Background>
+inline constexpr bool background_is_no_column<Gaussians, Pinhole<T, D>, Background> =
+    !IsColumn<Background>;
+template <class B, class Gaussians, class T, class D, class Background>
+inline constexpr bool background_is_no_column<B, Gaussians, Pinhole<T, D>, Background> =
+    !IsColumn<Background>;
+
 /// True for arguments without a backend where there is no default one.
 template <class... Arguments>
 inline constexpr bool without_backend = false;
@@ -51,7 +68,7 @@ inline constexpr bool without_backend<Gaussians, Pinhole<T, D>, VecX<T>> =
 
 template <class... Arguments>
 concept Undrawable = too_few_to_draw<Arguments...> || mixed_scalars<Arguments...> ||
-                     without_backend<Arguments...>;
+    background_is_no_column<Arguments...> || without_backend<Arguments...>;
 
 } // namespace detail
 
@@ -68,6 +85,8 @@ struct Rasterizer {
     template <class T>
     using Drawn = Raster<T, A::outputs>;
 
+    /// Returns the images of C channels, opacity and, by A::outputs, depth; `background` has C
+    /// numbers. `scratch` keeps memory from call to call.
     template <Backend B, class T, Distortion D>
     Drawn<T> forward(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
                      const Pinhole<T, D>& camera, const VecX<T>& background,
@@ -92,6 +111,9 @@ struct Rasterizer {
                       "([backend,] Gaussians, camera, background)");
         static_assert(!detail::mixed_scalars<Arguments...>,
                       "Rasterizer::forward: camera and background have different scalars");
+        static_assert(!detail::background_is_no_column<Arguments...>,
+                      "Rasterizer::forward: the background is no VecX, expected VecX<T>(...) "
+                      "around an expression or a vector of fixed size");
         static_assert(!detail::without_backend<Arguments...>,
                       "Rasterizer::forward: there is no default Backend, expected ScalarBackend{} "
                       "as the first argument, or #include <rye/splat/lanes.hpp>");
@@ -154,9 +176,9 @@ struct Rasterizer {
         return {trace, g, background, camera.cx, camera.cy, camera.width, camera.height};
     }
 
-    /// Returns the gradients of everything in `g` for the cotangents of the images; the
-    /// background's is background_vjp. Arguments are those of the forward call that returned
-    /// `raster`.
+    /// Returns the gradients of everything in `g` for the cotangents of the images: `g_feature`,
+    /// C x pixels, and, unless null, `g_alpha` and `g_depth`, 1 x pixels. The background's is
+    /// background_vjp. Arguments are those of the forward call that returned `raster`.
     template <Backend B, class T, Distortion D>
     Gaussians<T> vjp(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
                      const Pinhole<T, D>& camera, const VecX<T>& background,
@@ -231,8 +253,8 @@ struct Rasterizer {
     }
 
     template <class T, Distortion D>
-    static void check(const GaussianView<T>& g, const Pinhole<T, D>& camera,
-                      const VecX<T>& background) {
+    void check(const GaussianView<T>& g, const Pinhole<T, D>& camera,
+               const VecX<T>& background) const {
         static_assert(!D::distorts || A::order == BlendOrder::by_centre,
                       "rasterizer: blending by peak needs the straight rays of a pinhole");
         require(background.size() == g.channels(), "rasterizer", "got a background of ",
@@ -244,6 +266,7 @@ struct Rasterizer {
                 pixels, " pixels, expected at most ", std::numeric_limits<Index>::max());
         require(camera.near_depth > T(0), "rasterizer",
                 "got a near depth that is not positive, expected a positive one");
+        check_alpha_min<real_t<T>>(accuracy);
         const std::int64_t count = g.count();  // Index may have 32 bits
         require(count < std::int64_t(no_member), "rasterizer", "got ", count,
                 " Gaussians, expected fewer than 2^32 - 1");

@@ -16,17 +16,17 @@
 
 namespace rye {
 
-/// Fit of the signed distance to a sphere of radius 1, over points of the cube around it.
+/// Fit of the signed distance to a sphere of radius 1, over random points of the cube around it.
 template <class T>
 struct SphereFit {
-    Vec3<T> centre;
-    T half_side; ///< half a side of the cube
-    int steps;
-    double rate;
+    Vec3<T> centre; ///< of sphere and cube [canonical units]
+    T half_side;    ///< half a side of the cube [canonical units]
+    int steps;      ///< of Adam, with new points in each
+    double rate;    ///< of Adam
 };
 
-/// Pre-trains the mesh to a sphere. Targets beyond 1 are out of reach of tanh, and need not be
-/// reached.
+/// Pre-trains the geometry network to a sphere: row 0 of geometry_at's output to the distance from
+/// it, positive outside. Targets beyond 1 are out of reach of tanh, and need not be reached.
 template <Real T, EffectSet E, Backend B>
 void pretrain_sphere(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                      const std::type_identity_t<SphereFit<T>>& fit, const Random& random) {

@@ -9,7 +9,7 @@
 
 namespace rye {
 
-/// signed_distances of guidance_mesh.hpp; see there.
+// Documented in guidance_mesh.hpp.
 template <class T, EffectSet E, OffloadsNetworks B>
 Columns<T> signed_distances(const B& backend, const GuidanceMesh<T, E>& mesh,
                             const AvatarConfig& config, const Columns<T>& points) {

@@ -205,6 +205,7 @@ struct DeviceRasterizer {
                       const Pinhole<float, D>& camera, const float* background,
                       const DeviceImages& images, Frame& frame) const {
         check(g, camera, images);
+        check_alpha_min<float>(accuracy);
         Kernels::with(g.channels(), [&](auto C) {
             frame.shape(queue, g.count(), camera.width, camera.height, ChannelLayout<C()>::stride);
         });
