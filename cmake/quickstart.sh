@@ -13,7 +13,7 @@ rye=$build/rye
 
 step "Dependencies" sh cmake/install_dependencies.sh
 step "Configure" configure "$build" -DRYE_MERGE_UNITS=ON -DRYE_BUILD_TESTS=OFF -DRYE_BUILD_EXAMPLES=OFF \
-    -DRYE_BUILD_BENCHMARKS=OFF
+    -DRYE_BUILD_BENCHMARKS=OFF -DRYE_BUILD_C=OFF
 step "Build the program rye" cmake --build "$build" --parallel "$jobs"
 
 rm -rf "$out/capture" "$out/run"

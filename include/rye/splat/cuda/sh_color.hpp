@@ -29,12 +29,12 @@ struct HarmonicsByColour {
     RYE_DEVICE Index constant(Index i) const { return 3 * i; }
     /// Returns where number k of the rows from Gaussian `base` on is in memory, in ascending order.
     template <int row>
-    RYE_DEVICE Index memory(Index base, Index k) const {
+    RYE_DEVICE Index memory(Index base, int k) const {
         return base * row + k;
     }
     /// Returns where it is in those rows, each of red, of green, then of blue.
     template <int row>
-    RYE_DEVICE static Index place(Index k) {
+    RYE_DEVICE static int place(int k) {
         return k;
     }
 };
@@ -46,13 +46,13 @@ struct HarmonicsByBasis {
 
     RYE_DEVICE Index constant(Index i) const { return 3 * bases * i; }
     template <int row>
-    RYE_DEVICE Index memory(Index base, Index k) const {
+    RYE_DEVICE Index memory(Index base, int k) const {
         return 3 * (bases * (base + k / row) + 1) + k % row;
     }
     template <int row>
-    RYE_DEVICE static Index place(Index k) {
-        const Index i = k / row, r = k % row;
-        return i * row + r % 3 * (row / 3) + r / 3;
+    RYE_DEVICE static int place(int k) {
+        const int r = k % row;
+        return k - r + r % 3 * (row / 3) + r / 3;
     }
 };
 
@@ -67,8 +67,9 @@ struct ShBlock {
     /// Calls f(place in memory, place in shared memory) for the rows of a block's Gaussians.
     template <class Order, class F>
     RYE_DEVICE static void each(const Order& order, Index base, Index count, int t, const F& f) {
+        const int numbers = static_cast<int>(count) * row;
         if constexpr (row > 0)
-            for (Index k = t; k < count * row; k += threads)
+            for (int k = t; k < numbers; k += threads)
                 f(order.template memory<row>(base, k), Order::template place<row>(k));
     }
 };
@@ -97,7 +98,7 @@ struct ShColorKernel : detail::ShBlock<degree> {
         const Index count = rye::min(Index(Rows::threads), in.mean.cols - base);
         block.each_thread([&](int t) {
             Rows::each(order, base, count, t,
-                       [&](Index from, Index to) { shared.rest[to] = in.rest.data[from]; });
+                       [&](Index from, int to) { shared.rest[to] = in.rest.data[from]; });
         });
         block.each_thread([&](int t) {
             if (t >= count) return;
@@ -137,14 +138,14 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
         const Index count = rye::min(Index(Rows::threads), in.mean.cols - base);
         block.each_thread([&](int t) {
             Rows::each(order, base, count, t,
-                       [&](Index from, Index to) { shared.rest[to] = in.rest.data[from]; });
+                       [&](Index from, int to) { shared.rest[to] = in.rest.data[from]; });
         });
         block.each_thread([&](int t) {
             if (t < count) one(shared, base + t, t);
         });
         block.each_thread([&](int t) {
             Rows::each(order, base, count, t,
-                       [&](Index to, Index from) { out.rest.data[to] = shared.gradient[from]; });
+                       [&](Index to, int from) { out.rest.data[to] = shared.gradient[from]; });
         });
     }
 
