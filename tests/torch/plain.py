@@ -25,9 +25,8 @@ def harmonic_colors(coefficients, degree, means, eye):
     return (0.5 + torch.einsum("nk,nkc->nc", basis, coefficients[:, :basis.shape[1]])).clamp(min=0)
 
 
-def draw(means, quats, scales, opacities, colors, view, k, width, height, background=None,
-         eps2d=0.3, antialiased=False):
-    """One picture [H, W, D] and its alpha [H, W, 1], without any shortcut."""
+def project(means, quats, scales, opacities, view, k, eps2d=0.3, antialiased=False):
+    """Centres on the screen, inverse covariances there, opacities and depths."""
     at = means @ view[:3, :3].T + view[:3, 3]
     x, y, z = at.unbind(-1)
     fx, fy, cx, cy = k[0, 0], k[1, 1], k[0, 2], k[1, 2]
@@ -36,20 +35,33 @@ def draw(means, quats, scales, opacities, colors, view, k, width, height, backgr
                            -1).reshape(-1, 2, 3)
     m = jacobian @ view[:3, :3] @ rotations(quats) * scales[:, None, :]
     covariance = m @ m.transpose(1, 2)
-    wide = covariance + eps2d * torch.eye(2, dtype=means.dtype)
+    wide = covariance + eps2d * torch.eye(2, dtype=means.dtype, device=means.device)
     o = opacities
     if antialiased:
         o = o * (torch.det(covariance).clamp(min=0) / torch.det(wide)).clamp(min=1e-30).sqrt()
-    inverse = torch.linalg.inv(wide)
-    u, v = torch.meshgrid(torch.arange(width, dtype=means.dtype) + 0.5,
-                          torch.arange(height, dtype=means.dtype) + 0.5, indexing="xy")
-    d = torch.stack([u, v], -1)[:, :, None, :] - torch.stack([fx * x / z + cx, fy * y / z + cy], -1)
-    q = torch.einsum("hwni,nij,hwnj->hwn", d, inverse, d)
+    centres = torch.stack([fx * x / z + cx, fy * y / z + cy], -1)
+    return centres, torch.linalg.inv(wide), o, z
+
+
+def blend(projected, colors, pixels, background=None):
+    """Colours [..., D] and alphas [..., 1] at points of the screen [..., 2]."""
+    centres, inverse, o, z = projected
     order = torch.argsort(z)
-    alpha = (o * torch.exp(-0.5 * q))[..., order]
+    d = pixels[..., None, :] - centres[order]
+    q = torch.einsum("...ni,nij,...nj->...n", d, inverse[order], d)
+    alpha = o[order] * torch.exp(-0.5 * q)
     through = torch.cumprod(1 - alpha, -1)
     before = torch.cat([torch.ones_like(through[..., :1]), through[..., :-1]], -1)
     picture = (before * alpha) @ colors[order]
     if background is not None:
         picture = picture + through[..., -1:] * background
     return picture, 1 - through[..., -1:]
+
+
+def draw(means, quats, scales, opacities, colors, view, k, width, height, background=None,
+         **how):
+    """One picture [H, W, D] and its alpha [H, W, 1], without any shortcut."""
+    u, v = torch.meshgrid(torch.arange(width, dtype=means.dtype) + 0.5,
+                          torch.arange(height, dtype=means.dtype) + 0.5, indexing="xy")
+    return blend(project(means, quats, scales, opacities, view, k, **how), colors,
+                 torch.stack([u, v], -1), background)
