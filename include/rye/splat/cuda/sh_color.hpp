@@ -107,7 +107,8 @@ struct ShColorKernel : detail::ShBlock<degree> {
             if (places == nullptr || places[i] > 0) {
                 const float* const m = in.mean.data + 3 * i;
                 c = ShColor<float, degree>(Vec3<float>(m[0], m[1], m[2]), eye,
-                                           in.constant.data + order.constant(i), shared.rest + t * Rows::row)
+                                           in.constant.data + order.constant(i),
+                                           shared.rest + t * Rows::row)
                         .rgb();
             }
             for (int k = 0; k < 3; ++k) rgb[3 * i + k] = c[k];
