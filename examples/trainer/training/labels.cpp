@@ -17,6 +17,7 @@
 #include "training/centre_errors.hpp"
 #include "training/expression_regions.hpp"
 #include "training/seen_gazes.hpp"
+#include "training/steps.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -189,19 +190,48 @@ class Corrector {
         return all;
     }
 
+    /// Returns the displacements of the frames' landmarks by the gazes, 3 x L each, by a regression
+    /// on expressions and gazes that knows of the landmarks' noise [canonical units].
+    std::vector<Columns<double>> following(double noise) {
+        TrainConfig config = config_;
+        config.avatar.expression = c_.expression_width();
+        const Subject subject = describe_subject(c_, config);
+        std::vector<MeshSample<float>> frames;
+        for (const int f : c_.train) frames.push_back(mesh_sample(c_, subject, config, f, {}));
+        // Displacements are from the mean: the subject's neutral landmarks are one frame's.
+        Columns<float> neutral = Columns<float>::Zero(3, subject.neutral.cols());
+        for (const MeshSample<float>& f : frames)
+            neutral += f.landmarks / static_cast<float>(frames.size());
+        RegressionConfig prior = expression_prior(c_, subject, config.mesh);
+        prior.noise = noise;
+        const LandmarkRegression regression = landmark_regression<float, MeshEffects>(
+            train_backend(), {config.avatar, neutral, neutral}, subject.roles, frames, prior);
+        std::vector<Columns<double>> all;
+        for (const MeshSample<float>& f : frames) {
+            std::vector<double> x = landmark_regressors(f.drivers);
+            std::fill(x.begin(), x.end() - 4, 0.0);
+            all.push_back(regression.displacement<double>(x));
+        }
+        return all;
+    }
+
     void landmarks() {
         std::vector<Columns<double>> rest;
         for (std::size_t i = 0; i < count(); ++i) rest.push_back(at_rest(i));
-        const SmoothedLandmarks s = smoothed_landmarks(rest);
-        const double noise = mm_per_unit * s.noise;
-        found_.all.push_back({"landmarks", noise, 0.6, "mm", noise > 0.6,
+        const double noise = smoothed_landmarks(rest).noise;
+        found_.all.push_back({"landmarks", mm_per_unit * noise, 0.6, "mm",
+                              mm_per_unit * noise > 0.6,
                               "smoothed by their neighbours and all frames"});
         if (!found_.all.back().wrong) return;
+        // Lids that follow a gaze are as local as noise is.
+        const std::vector<Columns<double>> by_gaze = following(noise);
+        for (std::size_t i = 0; i < count(); ++i) rest[i] -= by_gaze[i];
+        const SmoothedLandmarks s = smoothed_landmarks(rest);
         for (std::size_t i = 0; i < count(); ++i) {
             CaptureFrame& f = frame(i);
             const Mat3<double> r = so3_exp(Vec3<double>(f.pose.head<3>()));
             const Columns<double> world =
-                (f.scale * (r * (s.frames[i] + expressed(i)))).colwise() +
+                (f.scale * (r * (s.frames[i] + by_gaze[i] + expressed(i)))).colwise() +
                 Vec3<double>(f.pose.tail<3>());
             set_frame_landmarks(f, world);
         }
