@@ -168,6 +168,28 @@ struct ExpressionErrors {
     }
 };
 
+/// Returns how far the sparse landmarks around the eyes rise by the pitch of their eye, mean of the
+/// landmarks of lids [unit / rad].
+double lids_follow(const Capture& c) {
+    double sum = 0, all = 0;
+    for (int eye = 0; eye < 2; ++eye)
+        for (const int l : eye_landmarks(eye)) {
+            VecX<double> pitch(static_cast<Index>(c.train.size())), height = pitch;
+            for (std::size_t i = 0; i < c.train.size(); ++i) {
+                // By right poses, so that those are not measured.
+                const CaptureFrame& truth = right().frame(c.train[i]);
+                pitch[static_cast<Index>(i)] =
+                    pitch_yaw(truth.eyes[static_cast<std::size_t>(eye)].optical)[0];
+                height[static_cast<Index>(i)] =
+                    to_canonical(truth, frame_landmarks(c, c.train[i]))(1, l);
+            }
+            pitch.array() -= pitch.mean();
+            sum += pitch.dot(height) / pitch.squaredNorm();
+            ++all;
+        }
+    return sum / all;
+}
+
 /// Test frames keep their labels, whatever those of training frames are.
 void check_tests_kept(const Capture& before, const Capture& after) {
     REQUIRE(!before.test.empty());
@@ -275,6 +297,21 @@ TEST_CASE("labels: head poses and landmarks come nearer by those of all frames")
     Capture again = read_capture(flawed.capture.folder);
     CHECK(correct_labels(again, preset("cpu")).lines() == found.lines());
     CHECK(same(c.frames, again.frames));
+}
+
+TEST_CASE("labels: lids follow gazes where noise is taken from landmarks") {
+    const double truth = lids_follow(right().capture);
+    double after = 0;
+    for (const std::uint64_t seed : {1, 2, 3}) {
+        const Flawed flawed([](FlawSizes& s) { s[Flaw::landmarks] = 1.5; }, seed);
+        Capture c = read_capture(flawed.capture.folder);
+        CHECK(finding(correct_labels(c, preset("cpu")), "landmarks", "mm").wrong);
+        after += lids_follow(c) / 3;
+    }
+    MESSAGE("lids rise by ", 100 * truth, " mm a radian, where smoothed by ", 100 * after);
+    CHECK(truth > 0.01);
+    CHECK(after > 0.6 * truth);
+    CHECK(after < 1.4 * truth);
 }
 
 TEST_CASE("labels: expressions come nearer by the face model's shapes") {
