@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // landmarks_of_expressions CAPTURE: how far the regression of stage 1's mixed frames, of the
 // training frames, is from the landmarks of the training and of the test frames, by what it knows
-// of expressions, as a table in Markdown. docs/results/experiments.md has some.
+// of expressions, as a table in Markdown; and how far lids follow the gaze by it, by labels as they
+// are and as training corrects them. docs/results/experiments.md and evaluation.md have some.
 #include <cmath>
 #include <cstdio>
 #include <exception>
@@ -9,6 +10,7 @@
 #include <vector>
 
 #include "training/expression_regions.hpp"
+#include "training/labels.hpp"
 #include "training/steps.hpp"
 
 using namespace rye;
@@ -34,6 +36,40 @@ void print_row(const char* name, const LandmarkRegression& r, const Columns<floa
     std::printf("| %s | %.2f | %.2f |\n", name, error(r, neutral, train), error(r, neutral, test));
 }
 
+std::vector<MeshSample<float>> samples_of(const Capture& capture, const Subject& subject,
+                                          const TrainConfig& config,
+                                          const std::vector<int>& frames) {
+    std::vector<MeshSample<float>> all;
+    for (const int f : frames) all.push_back(mesh_sample(capture, subject, config, f, {}));
+    return all;
+}
+
+/// Returns the root mean square of the derivatives by pitch, of both eyes together, over the
+/// landmarks within 22 mm of an eyeball's centre, by the regression of training [mm / rad].
+double lids_follow(const Capture& capture, const TrainConfig& config) {
+    const Subject subject = describe_subject(capture, config);
+    const Columns<float> neutral = subject.neutral.cast<float>();
+    const auto frames = samples_of(capture, subject, config, capture.train);
+    const InfluenceInput<float> input{config.avatar, neutral, neutral};
+    RegressionConfig prior = expression_prior(capture, subject, config.mesh);
+    prior.noise = landmark_noise<float, MeshEffects>(train_backend(), input, subject.roles, frames,
+                                                     prior);
+    const LandmarkRegression r = landmark_regression<float, MeshEffects>(
+        train_backend(), input, subject.roles, frames, prior);
+    const Index k = r.coefficient.rows();
+    double sum = 0, near = 0;
+    for (Index l = 0; l < neutral.cols(); ++l) {
+        const Vec3<double> at = subject.neutral.col(l);
+        if (std::min((at - subject.eye_centre[0]).norm(), (at - subject.eye_centre[1]).norm()) >=
+            0.22)
+            continue;
+        ++near;
+        for (const Index pitch : {k - 4, k - 2}) // of the left, of the right eye
+            sum += r.coefficient.row(pitch).segment<3>(3 * l).squaredNorm();
+    }
+    return 100 * std::sqrt(sum / near);
+}
+
 } // namespace
 
 int main(int count, char** words) try {
@@ -46,12 +82,8 @@ int main(int count, char** words) try {
     config.avatar.expression = capture.expression_width();
     const Subject subject = describe_subject(capture, config);
     const Columns<float> neutral = subject.neutral.cast<float>();
-    const auto samples = [&](const std::vector<int>& frames) {
-        std::vector<MeshSample<float>> all;
-        for (const int f : frames) all.push_back(mesh_sample(capture, subject, config, f, {}));
-        return all;
-    };
-    const auto train = samples(capture.train), test = samples(capture.test);
+    const auto train = samples_of(capture, subject, config, capture.train),
+               test = samples_of(capture, subject, config, capture.test);
     std::printf(
         "| the regression knows | training frames [mm] | test frames [mm] |\n"
         "|---|---|---|\n");
@@ -87,6 +119,10 @@ int main(int count, char** words) try {
         std::snprintf(knows, sizeof knows, "... and of noise, %.2f mm", 100 * prior.noise);
         if (prior.noise > 0) print_row(knows, fitted(), neutral, train, test);
     }
+    Capture corrected = read_capture(words[1]);
+    correct_labels(corrected, config);
+    std::printf("lids follow the pitch by %.1f mm a radian, where labels are corrected by %.1f\n",
+                lids_follow(capture, config), lids_follow(corrected, config));
     return 0;
 } catch (const std::exception& e) {
     std::fprintf(stderr, "landmarks_of_expressions: %s\n", e.what());
