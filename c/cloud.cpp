@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// c/cloud.cpp: messages, cameras, images and gradients of a cloud, as rye/c/rye.h has them.
+/// c/cloud.cpp: cameras, images and gradients of a cloud, as rye/c/rye.h has them.
 #include <algorithm>
 #include <cstdint>
 #include <limits>
@@ -13,9 +13,6 @@
 
 namespace rye::c {
 namespace {
-
-thread_local std::string message;
-thread_local const char* shown = "no call has failed";
 
 /// As Rasterizer, of a preset with depths.
 template <class A>
@@ -81,16 +78,6 @@ Columns<float> copy_in(const float* from, Index rows, Index columns, const char*
 
 } // namespace
 
-rye_status fail(rye_status status, const char* text) noexcept {
-    try {
-        message = text;
-        shown = message.c_str();
-    } catch (...) {
-        shown = "out of memory";
-    }
-    return status;
-}
-
 } // namespace rye::c
 
 using namespace rye;
@@ -115,7 +102,7 @@ extern "C" {
 
 uint32_t rye_c_version(void) { return RYE_C_VERSION; }
 
-const char* rye_message(void) { return shown; }
+const char* rye_message(void) { return last_message(); }
 
 rye_status rye_camera_look_at(const rye_look* look, rye_camera* camera) {
     return guarded([&] {

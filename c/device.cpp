@@ -13,9 +13,6 @@
 namespace rye::c {
 namespace {
 
-thread_local std::string message;
-thread_local const char* shown = "no call has failed";
-
 /// The caller's memory, or the library's.
 class CallersMemory {
   public:
@@ -175,16 +172,6 @@ void copy_on_device(const CudaQueue& queue, float* to, const float* from, std::s
 
 } // namespace
 
-rye_status fail(rye_status status, const char* text) noexcept {
-    try {
-        message = text;
-        shown = message.c_str();
-    } catch (...) {
-        shown = "out of memory";
-    }
-    return status;
-}
-
 } // namespace rye::c
 
 using namespace rye;
@@ -217,7 +204,7 @@ struct rye_device_frame {
 
 extern "C" {
 
-const char* rye_device_message(void) { return shown; }
+const char* rye_device_message(void) { return last_message(); }
 
 int32_t rye_device_is_host(void) {
 #if defined(__CUDACC__)

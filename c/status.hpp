@@ -21,9 +21,11 @@ struct Failure : Error {
     Failure(rye_status s, const std::string& message) : Error(message), status(s) {}
 };
 
-/// Keeps a message for rye_message(), or its sibling of another library; nothing is thrown for want
-/// of memory.
+/// Keeps a message for last_message(); nothing is thrown for want of memory.
 rye_status fail(rye_status status, const char* message) noexcept;
+
+/// Returns the message of the thread's last failure in this library.
+const char* last_message() noexcept;
 
 /// f() with every exception as a status.
 template <class F>

@@ -32,7 +32,7 @@ NODE_PATH=${NODE_PATH:-}${NODE_PATH:+:}/usr/share/nodejs
 export NODE_PATH
 
 objects=
-for source in "$root/c/cloud.cpp" "$root/c/avatar.cpp" "$here/page.c"; do
+for source in "$root/c/cloud.cpp" "$root/c/avatar.cpp" "$root/c/message.cpp" "$here/page.c"; do
     object=$out/objects/$(basename "$source").o
     objects="$objects $object"
     # Once more only where a source or a header is newer.
