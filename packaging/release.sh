@@ -49,7 +49,7 @@ pack() { # FOLDER NAME: of the folder $work
 build() { # FOLDER LEVEL OPTIONS...: configures the folder of $work
     folder=$1 level=$2
     shift 2
-    cmake -S "$source" -B "$work/$folder" -DCMAKE_BUILD_TYPE=Release -DRYE_NATIVE=OFF -DRYE_BUILD_TESTS=OFF \
+    cmake -S "$source" -B "$work/$folder" -DCMAKE_BUILD_TYPE=Release -DRYE_NATIVE=OFF -DRYE_MERGE_UNITS=ON -DRYE_BUILD_TESTS=OFF \
         -DRYE_BUILD_EXAMPLES=OFF -DRYE_BUILD_BENCHMARKS=OFF -DCMAKE_CXX_FLAGS="-march=$level" "$@" > "$work/$folder.txt"
 }
 static_program() { # LEVEL: $work/LEVEL/rye, once
@@ -58,7 +58,7 @@ static_program() { # LEVEL: $work/LEVEL/rye, once
     # HDF5 of Debian has no static library that stands alone: `rye import xgaze` says so.
     build "$1" "$1" -DRYE_BUILD_C=OFF -DRYE_HDF5_LIBRARY= -DRYE_HDF5_INCLUDE= -DRYE_LICENCES="$work/licences" \
         -DCMAKE_PROJECT_rye_INCLUDE="$work/static.cmake" -DCMAKE_EXE_LINKER_FLAGS=-static
-    cmake --build "$work/$1" --target rye_program >> "$work/$1.txt"
+    cmake --build "$work/$1" --parallel "$(nproc)" --target rye_program >> "$work/$1.txt"
     ! ldd "$work/$1/rye" > "$work/ldd.txt" 2>&1 || { cat "$work/ldd.txt"; echo "release.sh: not static" >&2; exit 1; }
 }
 # The copyright files of what is inside of the programs for x86-64.
@@ -112,7 +112,7 @@ if wanted packages; then
     if command -v dpkg-shlibdeps > /dev/null; then
         static_program x86-64
         build packages x86-64 -DRYE_BUILD_PROGRAMS=OFF -DRYE_BUILD_C=ON
-        cmake --build "$work/packages" >> "$work/packages.txt"
+        cmake --build "$work/packages" --parallel "$(nproc)" >> "$work/packages.txt"
         for folder in x86-64 packages; do
             (cd "$work/$folder" && SOURCE_DATE_EPOCH=$date cpack -G DEB >> "$work/packages.txt")
             cp "$work/$folder"/*.deb "$out/"
