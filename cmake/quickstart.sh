@@ -14,10 +14,12 @@ rye=$build/rye
 step "Dependencies" sh cmake/install_dependencies.sh
 step "Configure" configure "$build" -DRYE_MERGE_UNITS=ON -DRYE_BUILD_TESTS=OFF -DRYE_BUILD_EXAMPLES=OFF \
     -DRYE_BUILD_BENCHMARKS=OFF -DRYE_BUILD_C=OFF
+mkdir -p "$out"
+step "Build what draws the made-up head" cmake --build "$build" --parallel "$jobs" --target rye_portrait
+step "Draw it: $out/portrait.png" "$build/portrait" "$out/portrait.png"
 step "Build the program rye" cmake --build "$build" --parallel "$jobs"
 
 rm -rf "$out/capture" "$out/run"
-mkdir -p "$out"
 step "Make a capture" "$rye" capture --out "$out/capture" --cameras 9
 step "Train an avatar" "$rye" train --capture "$out/capture" --out "$out/run" --preset tiny
 step "Render a sweep of gazes" "$rye" redirect --run "$out/run" --sweep --out "$out/sweep.png"

@@ -49,7 +49,8 @@ pack() { # FOLDER NAME: of the folder $work
 build() { # FOLDER LEVEL OPTIONS...: configures the folder of $work
     folder=$1 level=$2
     shift 2
-    cmake -S "$source" -B "$work/$folder" -DCMAKE_BUILD_TYPE=Release -DRYE_NATIVE=OFF -DRYE_MERGE_UNITS=ON -DRYE_BUILD_TESTS=OFF \
+    cmake -S "$source" -B "$work/$folder" -DCMAKE_BUILD_TYPE=Release -DRYE_NATIVE=OFF \
+        -DRYE_MERGE_UNITS=ON -DRYE_BUILD_TESTS=OFF \
         -DRYE_BUILD_EXAMPLES=OFF -DRYE_BUILD_BENCHMARKS=OFF -DCMAKE_CXX_FLAGS="-march=$level" "$@" > "$work/$folder.txt"
 }
 static_program() { # LEVEL: $work/LEVEL/rye, once
