@@ -8,7 +8,7 @@ library rye_device (cmake -DRYE_CUDA=ON, target rye_device), which it calls by c
     loss(images).backward()
 
 Arguments have the names of gsplat's `rasterization` where they mean the same. Tensors are read and
-written where they are, on the current stream; memory is of PyTorch's allocator. The same input
+written where they are, on the current stream; memory comes from PyTorch's allocator. The same input
 gives the same bits, gradients too. There is no gradient of cameras.
 
 The library is $RYE_DEVICE_LIBRARY, or librye_device.so beside this file or on the loader's path.
@@ -144,8 +144,8 @@ class _Room:
 
 
 class _Renderer:
-    """A renderer of a device, a stream and settings, and its frames that nobody uses: a frame's
-    memory belongs to one stream, what frames need does not."""
+    """A renderer of a device, a stream and settings, and its unused frames: a frame's memory
+    belongs to one stream, what frames need does not."""
 
     made, rooms = {}, {}
 
@@ -255,7 +255,8 @@ class _Rasterize(torch.autograd.Function):
                                                 call.stream))
                 if capturing or not wait or frame.cost()["fits"]:
                     break
-            known.add(key)
+            if wait and not capturing:
+                known.add(key)
             frame.key = key
             call.frames.append(frame)
         if call.gradient:

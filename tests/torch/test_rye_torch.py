@@ -201,6 +201,16 @@ def test_what_does_not_fit():
     assert torch.isfinite(images).all()
 
 
+def test_needs_are_known_only_by_waiting():
+    leaves, views, ks = scene(n=90)
+    leaves["scales"] = torch.full((90, 3), 30.0, device=DEVICE, requires_grad=True)
+    images, _, _ = rasterize(*leaves.values(), views, ks, 416, 416, eps2d=0.22, wait=False)
+    assert torch.isnan(images).all()
+    images, _, _ = rasterize(*leaves.values(), views, ks, 416, 416, eps2d=0.22)
+    images.sum().backward()
+    assert torch.isfinite(images).all()
+
+
 def test_arguments():
     leaves, views, ks = scene()
 
