@@ -13,6 +13,7 @@
 #include "data/out_format.hpp"
 #include "data/run_frames.hpp"
 #include "data/validate.hpp"
+#include "driving/retarget.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -58,8 +59,8 @@ std::pair<int, int> parsed_range(const std::string& text, const std::string& who
 }
 
 /// Returns the frames FIRST to LAST for "FIRST:LAST".
-std::vector<Drivers<float>> ranged(const std::vector<Drivers<float>>& all,
-                                   const std::string& range) {
+template <class Frame>
+std::vector<Frame> ranged(const std::vector<Frame>& all, const std::string& range) {
     if (range.empty()) return all;
     const auto [first, last] = parsed_range(range, "--range");
     require(static_cast<std::size_t>(last) < all.size(), "--range", "got ", range,
@@ -85,6 +86,37 @@ void follow(const Drivers<float>& first, const Drivers<float>& own, Drivers<floa
     now.scale = own.scale;
 }
 
+/// Makes the places of a track those since its first picture, and with `turns` its turns too.
+void begin_at_first(FaceTrack& track, bool turns) {
+    const TrackedFace first = track.faces.front();
+    const Mat3<double> back =
+        turns && first.turn ? Mat3<double>(first.turn->transpose()) : Mat3<double>::Identity();
+    for (TrackedFace& f : track.faces) {
+        if (f.turn) f.turn = Mat3<double>(back * *f.turn);
+        if (f.place && first.place) f.place = Vec3<double>(back * (*f.place - *first.place));
+    }
+}
+
+/// Returns the drivers of a face tracker's file, and says what it drives.
+std::vector<Drivers<float>> tracked_drivers(const DrivingOptions& o, const TrainState& state,
+                                            const Capture& capture, const Drivers<float>& own,
+                                            double rate) {
+    FaceTrack track = read_face_track(o.path);
+    const std::size_t pictures = track.faces.size();
+    if (!o.flip.empty()) flip(track, parsed_flips(o.flip, "--flip"));
+    if (o.neutral >= 0) subtract_neutral(track, o.neutral, "--neutral");
+    track.faces = ranged(track.faces, o.range);
+    begin_at_first(track, o.pose == "relative");
+    const Retarget retarget(track.names, capture.expression_names, state.config.avatar.expression);
+    std::vector<Drivers<float>> all;
+    for (const TrackedFace& f : resampled(track, rate)) all.push_back(retarget.apply(f, own));
+    std::cerr << "rye: note: " << o.path.string() << ": " << track.kind << ", " << pictures
+              << " pictures, " << track.lost << " of them without a face; " << retarget.words();
+    for (const std::string& note : track.notes) std::cerr << "; " << note;
+    std::cerr << "\n";
+    return all;
+}
+
 } // namespace
 
 void add_driving_options(CLI::App& command, DrivingOptions& o) {
@@ -92,13 +124,14 @@ void add_driving_options(CLI::App& command, DrivingOptions& o) {
         command
             .add_option("--driving", o.path,
                         "Expressions, head poses and gazes of a video: the folder of a capture or "
-                        "of a run, or a CSV file (`rye drivers` writes one)")
+                        "of a run, a CSV file (`rye drivers` writes one), or a face tracker's: Live "
+                        "Link Face's CSV, MediaPipe's or OpenXR's JSON")
             ->check(CLI::ExistingPath);
     command
         .add_option("--pose", o.pose,
-                    "Head poses of --driving: driving: as they are, in its world; relative: its "
-                    "motion since its first frame, from the frame's pose on; own: the frame's, "
-                    "still")
+                    "Head poses of --driving: driving: as they are, in its world, or of a tracker's "
+                    "file turned from the frame's; relative: its motion since its first frame, from "
+                    "the frame's pose on; own: the frame's, still")
         ->check(CLI::IsMember({"driving", "relative", "own"}))
         ->needs(driving)
         ->capture_default_str();
@@ -106,16 +139,39 @@ void add_driving_options(CLI::App& command, DrivingOptions& o) {
         .add_option("--range", o.range, "Frames of --driving: FIRST:LAST, from 0 (default: all)")
         ->check(read_check(parsed_range))
         ->needs(driving);
+    command
+        .add_option("--flip", o.flip,
+                    "What a tracker's file has the other way round: sides (a mirror picture), "
+                    "head-yaw, head-pitch, head-roll, gaze-yaw, gaze-pitch")
+        ->check(read_check(parsed_flips))
+        ->needs(driving);
+    command
+        .add_option("--neutral", o.neutral,
+                    "Picture of a tracker's file with a neutral face, whose coefficients and head "
+                    "turn are taken as 0")
+        ->check(from_to(0, 100000000))
+        ->needs(driving);
 }
 
 std::vector<Drivers<float>> driving_frames(const DrivingOptions& o, const TrainState& state,
-                                           const Capture& capture, const Drivers<float>& own) {
+                                           const Capture& capture, const Drivers<float>& own,
+                                           double rate) {
     std::vector<Drivers<float>> all;
-    if (fs::is_directory(o.path)) {
+    const bool folder = fs::is_directory(o.path);
+    if (!folder && is_face_track(o.path)) {
+        all = tracked_drivers(o, state, capture, own, rate);
+        for (Drivers<float>& d : all)
+            if (o.pose == "own") d.pose = own.pose;
+        return all;
+    }
+    require(o.flip.empty() && o.neutral < 0, o.flip.empty() ? "--neutral" : "--flip",
+            "needs a face tracker's file, got ", o.path.string());
+    if (folder) {
         all = folder_drivers(o.path, state, capture);
     } else {
         require(extension_of(o.path) == ".csv", o.path.string(),
-                "expected the folder of a capture or of a run, or a file that ends in .csv");
+                "expected the folder of a capture or of a run, or a file that ends in .csv, .json "
+                "or .jsonl");
         all = read_drivers(o.path, {state.config.avatar.expression, capture.expression_names}, own);
     }
     all = ranged(all, o.range);

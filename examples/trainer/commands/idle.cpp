@@ -13,6 +13,7 @@
 #include "commands/options.hpp"
 #include "data/degrees.hpp"
 #include "data/memory_limit.hpp"
+#include "driving/face_names.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -24,15 +25,6 @@ constexpr double lid_turn = 0.7;
 constexpr float half_closed = 0.5f;
 
 const std::vector<std::string> idle_parts{"saccades", "drift", "blinks", "lid-lag", "vor"};
-
-/// Returns the name in small letters, without what is between its words.
-std::string plain(const std::string& name) {
-    std::string word;
-    for (const char c : name)
-        if (c != '_' && c != '-' && c != ' ' && c != '.')
-            word += c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-    return word;
-}
 
 Mat3<double> head_rotation(const Drivers<float>& d) {
     return so3_exp(Vec3<double>(d.pose.head<3>().cast<double>()));
@@ -128,7 +120,7 @@ void add_idle_options(CLI::App& command, IdleOptions& o) {
 
 LidCoefficients::LidCoefficients(const Capture& capture) {
     for (std::size_t k = 0; k < capture.expression_names.size(); ++k) {
-        const std::string name = plain(capture.expression_names[k]);
+        const std::string name = plain_name(capture.expression_names[k]);
         const bool closes =
             name.find("blink") != std::string::npos || name.find("eyesclosed") != std::string::npos;
         if (!closes && !name.starts_with("eyewide")) continue;

@@ -14,6 +14,7 @@
 #include <rye/core/memory.hpp>
 #include <rye/core/parse.hpp>
 
+#include "data/csv.hpp"
 #include "data/degrees.hpp"
 #include "data/memory_limit.hpp"
 
@@ -76,21 +77,6 @@ std::map<std::string, Column> known_columns(const DriverNames& names) {
     return all;
 }
 
-/// Returns the fields of a line, without surrounding spaces. Names and numbers need no quotes.
-std::vector<std::string_view> fields_of(std::string_view line) {
-    std::vector<std::string_view> fields;
-    for (;;) {
-        const std::size_t comma = line.find(',');
-        std::string_view f = line.substr(0, comma);
-        while (!f.empty() && (f.front() == ' ' || f.front() == '\t')) f.remove_prefix(1);
-        while (!f.empty() && (f.back() == ' ' || f.back() == '\t')) f.remove_suffix(1);
-        if (f.size() >= 2 && f.front() == '"' && f.back() == '"') f = f.substr(1, f.size() - 2);
-        fields.push_back(f);
-        if (comma == std::string_view::npos) return fields;
-        line.remove_prefix(comma + 1);
-    }
-}
-
 /// Returns the columns that the first line names.
 std::vector<Column> header_of(std::string_view line, const std::string& who,
                               const DriverNames& names) {
@@ -123,15 +109,6 @@ std::vector<Column> header_of(std::string_view line, const std::string& who,
     together({"translation_x", "translation_y", "translation_z"});
     for (std::size_t e = 0; e < 2; ++e) together({gaze_column(e, false), gaze_column(e, true)});
     return columns;
-}
-
-/// Removes the first line from the text and returns it.
-std::string_view take_line(std::string_view& text) {
-    const std::size_t end = text.find('\n');
-    std::string_view line = text.substr(0, end);
-    text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
-    if (line.ends_with('\r')) line.remove_suffix(1);
-    return line;
 }
 
 Drivers<float> drivers_of(std::string_view line, const std::string& who,
@@ -172,7 +149,7 @@ Angles angles_of(const Drivers<float>& d) {
 std::vector<Drivers<float>> parse_drivers(std::string_view text, const std::string& name,
                                           const DriverNames& names,
                                           const Drivers<float>& otherwise) {
-    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3); // byte order mark of spreadsheets
+    text = without_mark(text);
     require(!text.empty(), name, "is empty, expected a line of names of columns");
     const std::vector<Column> columns = header_of(take_line(text), name, names);
     const Row usual{otherwise, angles_of(otherwise)};
