@@ -23,27 +23,16 @@ struct rye_avatar {
     ObjectThreads pool;
     PlayableAvatar<float> playable;
     AvatarPlayer<LibraryBackend> player;
+    HeadPlace<float> place;
     std::vector<const char*> names;
-    Vec3<float> head;
-    float radius = 0;
     bool drawn = false;
 
     rye_avatar(const rye_options& o, PlayableAvatar<float> p)
         : pool(o.threads),
           playable(std::move(p)),
-          player(LibraryBackend{pool.threads()}, playable) {
+          player(LibraryBackend{pool.threads()}, playable),
+          place(head_place(playable)) {
         for (const std::string& name : playable.expression_names) names.push_back(name.c_str());
-        // The face's points at rest, by the neutral head pose.
-        const Drivers<float>& d = playable.neutral;
-        const Columns<float>& x = playable.avatar.face.position;
-        const Mat3<float> r = so3_exp(Vec3<float>(d.pose.head<3>()));
-        const Vec3<float> middle = 0.5F * (x.rowwise().minCoeff() + x.rowwise().maxCoeff());
-        head = d.scale * (r * middle) + Vec3<float>(d.pose.tail<3>());
-        std::vector<float> apart;
-        for (Index i = 0; i < x.cols(); ++i) apart.push_back((x.col(i) - middle).norm());
-        const auto tenth = apart.begin() + static_cast<std::ptrdiff_t>(apart.size() * 9 / 10);
-        std::nth_element(apart.begin(), tenth, apart.end());
-        radius = d.scale * *tenth;
     }
     rye_avatar(const rye_avatar&) = delete;
     rye_avatar& operator=(const rye_avatar&) = delete;
@@ -148,8 +137,8 @@ rye_status rye_avatar_describe(const rye_avatar* avatar, rye_avatar_info* info) 
         set_pair(p.ranges.gaze_high, info->gaze_high);
         for (Index eye = 0; eye < 2; ++eye)
             std::copy_n(p.avatar.eyes.centre.col(eye).data(), 3, info->eye[eye]);
-        std::copy_n(avatar->head.data(), 3, info->head);
-        info->radius = avatar->radius;
+        std::copy_n(avatar->place.middle.data(), 3, info->head);
+        info->radius = avatar->place.radius;
     });
 }
 

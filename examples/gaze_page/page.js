@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // page.js: the controls. The page keeps what is wanted (gaze, expression, pose, camera, size); one
-// picture at a time is asked of the worker, which computes what differs from the one before.
+// picture at a time is asked of the worker, which computes what differs from the one before. `rye view`
+// puts a worker of its own before this script, window.ryeRemote, which asks the program.
 "use strict";
 
 const element = (id) => document.getElementById(id);
@@ -14,6 +15,7 @@ let avatar = null;      // what the worker says of the file
 let orbit = null;
 let wanted = {};        // of the next picture: parts that changed
 let busy = false;
+const sides = window.ryeRemote ? [256, 512, 768, 1024] : [256, 384, 512];
 let side = 256;
 let pointer = null;     // [-1, 1] across and up the stage, where the eyes look
 let gaze = [0, 0, 0, 0], goal = [0, 0, 0, 0];  // left pitch, yaw, right pitch, yaw [rad]
@@ -98,7 +100,8 @@ function show(drawn) {
         canvas.width = drawn.width;
         canvas.height = drawn.height;
     }
-    context.putImageData(new ImageData(new Uint8ClampedArray(drawn.picture), drawn.width, drawn.height), 0, 0);
+    if (drawn.bitmap) context.drawImage(drawn.bitmap, 0, 0);
+    else context.putImageData(new ImageData(new Uint8ClampedArray(drawn.picture), drawn.width, drawn.height), 0, 0);
     state.frames += 1;
     state.last = { ms: drawn.ms, work: drawn.work };
     if (state.firstPicture === null) state.firstPicture = performance.now() - begun;
@@ -229,7 +232,7 @@ function makeSliders() {
         for (const s of expressionSliders) s.label.style.display = "";
         more.hidden = true;
     };
-    for (const size of [256, 384, 512]) {
+    for (const size of sides) {
         const button = document.createElement("button");
         button.type = "button";
         button.textContent = `${size}²`;
@@ -342,7 +345,7 @@ function begin(opened) {
     goal = [...gaze];
     turn = [0, 0, 0];
     pointer = null;
-    side = [256, 384, 512].includes(avatar.width) ? avatar.width : 256;
+    side = sides.includes(avatar.width) ? avatar.width : 256;
     makeSliders();
     element("facts").textContent =
         `${avatar.name ? `${avatar.name}, ` : ""}${avatar.gaussians.toLocaleString("en")} Gaussians`;
@@ -396,5 +399,11 @@ async function fromHost() {
     open(await answer.arrayBuffer(), name);
 }
 
-(location.protocol === "file:" ? fromDisk() : fromHost()).catch((fault) =>
+async function fromProgram() {
+    worker = window.ryeRemote;
+    worker.onmessage = hear;
+    worker.postMessage({ open: null });
+}
+
+(window.ryeRemote ? fromProgram() : location.protocol === "file:" ? fromDisk() : fromHost()).catch((fault) =>
     notice(`No avatar yet (${fault.message}): open a file that \`rye export --out NAME.avatar\` wrote.`));

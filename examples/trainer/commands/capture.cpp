@@ -12,6 +12,7 @@
 #include "commands/commands.hpp"
 #include "commands/film.hpp"
 #include "commands/options.hpp"
+#include "commands/progress.hpp"
 #include "data/system.hpp"
 #include "data/threads.hpp"
 #include "synthetic_capture/video_scene.hpp"
@@ -76,8 +77,8 @@ void run(const Options& o) {
     try {
         write_capture(model, scene, unfinished, [&](int done, int of) {
             if (o.quiet || (!terminal && done != of && done % 8 != 0)) return;
-            std::printf("%sframe %d of %d, %.0f s%s", terminal ? "\r" : "", done, of, seconds(),
-                        terminal && done != of ? "" : "\n");
+            std::printf("%sframe %d of %d, %.0f s%s%s", terminal ? "\r\033[K" : "", done, of, seconds(),
+                        left_words(seconds(), done, of).c_str(), terminal && done != of ? "" : "\n");
             std::fflush(stdout);
         });
         if (!o.video.empty()) write_film(unfinished, scene, film.rate, o.video);

@@ -4,45 +4,20 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
-#include <csignal>
 #include <fstream>
 #include <list>
 #include <thread>
 
 #include <rye/core/error.hpp>
 
+#include "data/noted_stops.hpp"
 #include "data/started_program.hpp"
-#include "data/system.hpp"
 
 namespace rye::trainer {
 namespace {
 
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
-
-volatile std::sig_atomic_t stop_signal = 0;
-void note_stop(int signal) {
-    stop_signal = signal;
-    std::signal(signal, note_stop); // some systems drop it after one signal
-}
-
-/// Recorder of the signals that ask to stop, which are noted instead of obeyed during its life.
-class NotedStops {
-  public:
-    NotedStops() {
-        stop_signal = 0;
-        for (std::size_t i = 0; i < before_.size(); ++i)
-            before_[i] = std::signal(stop_signals[i], note_stop);
-    }
-    ~NotedStops() {
-        for (std::size_t i = 0; i < before_.size(); ++i) std::signal(stop_signals[i], before_[i]);
-    }
-    NotedStops(const NotedStops&) = delete;
-    NotedStops& operator=(const NotedStops&) = delete;
-
-  private:
-    std::array<void (*)(int), stop_signals.size()> before_{};
-};
 
 fs::path errors_of(const ChildJob& job) { return job.log.string() + ".errors"; }
 
@@ -93,7 +68,7 @@ int run_children(std::vector<ChildJob> jobs, int at_once,
         running.push_back({job, command, began, start(jobs[job], jobs[job].commands[command])});
     };
     while (!waiting.empty() || !running.empty()) {
-        while (stop_signal == 0 && running.size() < static_cast<std::size_t>(at_once)) {
+        while (stops.signal() == 0 && running.size() < static_cast<std::size_t>(at_once)) {
             const auto next = next_ready();
             if (next == waiting.end()) break;
             const std::size_t job = *next;
@@ -103,7 +78,7 @@ int run_children(std::vector<ChildJob> jobs, int at_once,
             fs::remove(jobs[job].log, ignored);
             begin(job, 0, Clock::now());
         }
-        if (stop_signal != 0) {
+        if (stops.signal() != 0) {
             if (!told)
                 for (Running& r : running) r.program.stop();
             told = true;
@@ -121,16 +96,16 @@ int run_children(std::vector<ChildJob> jobs, int at_once,
         running.erase(found);
         const ChildJob& job = jobs[r.job];
         const int code = *ended_with;
-        if (code == 0 && r.command + 1 < job.commands.size() && stop_signal == 0) {
+        if (code == 0 && r.command + 1 < job.commands.size() && stops.signal() == 0) {
             begin(r.job, r.command + 1, r.began);
             continue;
         }
         const bool done = code == 0 && r.command + 1 == job.commands.size();
-        if (stop_signal != 0 && !done) continue; // stopped, not failed
+        if (stops.signal() != 0 && !done) continue; // stopped, not failed
         ended(r.job, {code, code == 0 ? "" : last_line(errors_of(job)),
                       std::chrono::duration<double>(Clock::now() - r.began).count()});
     }
-    return stop_signal;
+    return stops.signal();
 }
 
 } // namespace rye::trainer

@@ -17,6 +17,7 @@ void add_commands(CLI::App& app) {
     add_export(app);
     add_render(app);
     add_drivers(app);
+    add_view(app);
     add_completion(app);
     add_manual(app);
 }

@@ -24,6 +24,7 @@ void add_compare(CLI::App& app);
 void add_export(CLI::App& app);
 void add_render(CLI::App& app);
 void add_drivers(CLI::App& app);
+void add_view(CLI::App& app);
 void add_completion(CLI::App& app);
 void add_manual(CLI::App& app);
 

@@ -4,11 +4,9 @@
 #include <cmath>
 #include <memory>
 
-#include <rye/core/error.hpp>
-
+#include "data/film_encoder.hpp"
 #include "data/moving_picture.hpp"
 #include "data/picture.hpp"
-#include "data/process.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -34,9 +32,7 @@ void put_before_wall(Image8& picture, const Image8& mask) {
 } // namespace
 
 void check_film(const fs::path& file) {
-    require(extension_of(file) == ".y4m" || find_program({"ffmpeg"}), file.string(),
-            "needs ffmpeg, which is not installed: `apt-get install ffmpeg`; a name that ends in "
-            ".y4m needs none");
+    if (extension_of(file) != ".y4m") require_ffmpeg(file);
 }
 
 void write_film(const fs::path& capture, const CaptureScene& scene, int rate,
@@ -59,13 +55,7 @@ void write_film(const fs::path& capture, const CaptureScene& scene, int rate,
         }
         video->finish();
     }
-    if (plain) return;
-    const ProgramEnd end =
-        run_program({find_program({"ffmpeg"})->string(), "-hide_banner", "-loglevel", "error", "-y", "-i",
-                     pictures.string(), "-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p",
-                     file.string()});
-    fs::remove(pictures);
-    require(end.code == 0, file.string(), "ffmpeg ended with code ", end.code, ": ", end.message);
+    if (!plain) encode_film(pictures, file);
 }
 
 } // namespace rye::trainer

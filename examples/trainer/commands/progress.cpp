@@ -14,6 +14,20 @@ std::string brief(const std::string& name, double value) {
     return name + " " + digits;
 }
 
+std::string clock_text(double seconds) {
+    const auto whole = static_cast<long long>(seconds);
+    char text[32];
+    std::snprintf(text, sizeof text, "%lld:%02d", whole / 60, static_cast<int>(whole % 60));
+    return text;
+}
+
+std::string left_words(double seconds, Index done, Index total) {
+    if (done <= 0 || done >= total) return {};
+    return ", " +
+           clock_text(seconds / static_cast<double>(done) * static_cast<double>(total - done)) +
+           " left";
+}
+
 Progress::Progress(std::string stage, Index total, bool quiet)
     : stage_(std::move(stage)),
       total_(total),
@@ -27,13 +41,12 @@ void Progress::show(Index step, const std::vector<std::string>& losses, bool las
     if (!last && now - shown_ < (tty_ ? 0.2 : 10.0)) return;
     shown_ = now;
     const double done = static_cast<double>(step - first_step_);
-    const auto left = static_cast<std::int64_t>(now / done * static_cast<double>(total_ - step));
     const double ms = 1e3 * now / done;
-    char text[64];
-    std::snprintf(text, sizeof text, "%4.*f ms/step, %lld:%02d left", ms < 10 ? 2 : 0, ms,
-                  static_cast<long long>(left / 60), static_cast<int>(left % 60));
+    char text[32];
+    std::snprintf(text, sizeof text, "  %4.*f ms/step, ", ms < 10 ? 2 : 0, ms);
     const std::string begin = stage_ + " " + std::to_string(step) + "/" + std::to_string(total_);
-    const std::string end = "  " + std::string(text);
+    const std::string end =
+        text + clock_text(now / done * static_cast<double>(total_ - step)) + " left";
     const std::size_t width = tty_ ? terminal_width() : 0;
     std::string shown;
     for (const std::string& loss : losses) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// commands/progress.hpp: the progress line of a training.
+/// commands/progress.hpp: the progress line of a training, and the time that is left of other work.
 #pragma once
 
 #include <chrono>
@@ -12,6 +12,13 @@ namespace rye::trainer {
 
 /// Returns a number of the progress line, by its name in log.jsonl.
 std::string brief(const std::string& name, double value);
+
+/// Returns minutes and seconds, as 3:05.
+std::string clock_text(double seconds);
+
+/// Returns ", 3:05 left" where `done` of `total` equal parts took these seconds; empty at the
+/// beginning and the end.
+std::string left_words(double seconds, Index done, Index total);
 
 /// Progress line: rewritten in place on a terminal, printed now and then elsewhere. On a terminal,
 /// losses beyond its width are omitted, the last ones first: a line that wraps could not be

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -20,6 +21,8 @@
 #include "commands/idle.hpp"
 #include "commands/options.hpp"
 #include "commands/picture_labels.hpp"
+#include "commands/progress.hpp"
+#include "data/film_encoder.hpp"
 #include "data/moving_picture.hpp"
 #include "data/panel.hpp"
 #include "data/system.hpp"
@@ -44,7 +47,8 @@ struct RedirectOptions {
 /// Formats of --out.
 const std::vector<OutFormat> formats{OutFormat::png,        OutFormat::jpeg,
                                      OutFormat::apng,       OutFormat::y4m,
-                                     OutFormat::y4m_stream, OutFormat::picture_folder};
+                                     OutFormat::film,       OutFormat::y4m_stream,
+                                     OutFormat::picture_folder};
 
 /// (pitch, yaw) of the left eye and of the right one [deg].
 struct Look {
@@ -225,9 +229,16 @@ void write_video(const RedirectOptions& o, OutFormat format, const TrainState& s
     const std::unique_ptr<MovingPicture> video =
         moving_picture(o.out, format, parsed_rate(o.rate, "--fps"), count);
     const bool terminal = is_terminal(Stream::errors);
+    const auto begin = std::chrono::steady_clock::now();
     for (int i = 0; i < count; ++i) {
         video->add(to_8bit(drawer.picture(frames[static_cast<std::size_t>(i)])));
-        if (terminal) std::cerr << "\rpicture " << i + 1 << " of " << count << std::flush;
+        if (terminal)
+            std::cerr << "\r\033[Kpicture " << i + 1 << " of " << count
+                      << left_words(std::chrono::duration<double>(
+                                        std::chrono::steady_clock::now() - begin)
+                                        .count(),
+                                    i + 1, count)
+                      << std::flush;
     }
     if (terminal) std::cerr << "\n";
     video->finish();
@@ -271,6 +282,7 @@ OutFormat checked_format(const RedirectOptions& o) {
             });
     require(format != OutFormat::y4m_stream || !is_terminal(Stream::output), "--out",
             "got -, and standard output is a terminal, expected a pipe or a file behind it");
+    if (format == OutFormat::film) require_ffmpeg(o.out);
     for (const auto* gaze : {&o.left, &o.right})
         if (!gaze->empty()) gaze_option(*gaze, gaze == &o.left ? "--gaze-left" : "--gaze-right");
     return format;
@@ -363,8 +375,8 @@ void add_redirect(CLI::App& app) {
     c->add_option("--effects", o->effects, "Draw by these effects, or by a variant: paper, talk, gaze "
                                            "or still (default: the fewest that the pictures call for)");
     c->add_option("--out", o->out,
-                  "What to write: a picture (.png, .jpg), an animated PNG (.apng), "
-                  "Y4M for video programs (.y4m, or - for standard output), or a "
+                  "What to write: a picture (.png, .jpg), an animated PNG (.apng), a video by ffmpeg "
+                  "(.mp4, .webm), Y4M for video programs (.y4m, or - for standard output), or a "
                   "folder of numbered pictures (no extension)")
         ->required()
         ->check(out_check(formats));

@@ -17,6 +17,7 @@
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
 #include "commands/progress.hpp"
+#include "commands/view.hpp"
 #include "data/folder_lock.hpp"
 #include "data/json.hpp"
 #include "data/panel.hpp"
@@ -59,6 +60,7 @@ struct TrainOptions {
     bool resume = false, overwrite = false, profile = false, quiet = false, print_config = false;
     bool json = false;
     int threads = 0;
+    int view = -1; ///< port of a view of the training; 0: a free one, -1: none
     std::optional<std::string> seed;  // as text: the option parser would accept -3 and 1e23
     std::optional<std::int64_t> steps;
 };
@@ -612,6 +614,8 @@ int train(const TrainOptions& o) {
                 "holds a run since a moment ago, of another training");
     }
     ignore_file_size_signal();
+    std::optional<ViewedTraining> view;
+    if (o.view >= 0) view.emplace(o.out, o.view);
     Trainer trainer(o, on.device, std::move(start.capture), std::move(start.state),
                     o.resume ? Beginning::resumed
                     : there  ? Beginning::replacing
@@ -622,7 +626,9 @@ int train(const TrainOptions& o) {
     if (!o.begin.empty()) trainer.begin_after(o.begin);
     if (other_frames) trainer.save(); // to match the frames now beside it
     for (const int signal : stop_signals) std::signal(signal, request_stop);
+    if (view && !quiet(o)) std::cout << "seen at " << view->address() << "\n" << std::flush;
     const bool done = trainer.run();
+    view.reset();
     if (o.json) std::cout << trainer.summary(done).dump(2) << "\n";
     else if (o.profile) print_profile(trainer.profile());
     if (done && !quiet(o))
@@ -671,6 +677,10 @@ void add_train(CLI::App& app) {
     c->add_flag("--json", options->json,
                 "Print what was done, and the --profile, as JSON instead of progress");
     c->add_flag("--quiet", options->quiet, "No progress line");
+    c->add_option("--view", options->view,
+                  "Show the head while it trains, as `rye view` does, on this port of 127.0.0.1 (0: a "
+                  "free one); checkpoints are shown as they are written")
+        ->check(from_to(0, 65535));
     c->callback([options] {
         const int code = train(*options);
         if (code != 0) throw CLI::RuntimeError(code);

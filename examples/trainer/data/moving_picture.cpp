@@ -13,6 +13,7 @@
 #include <rye/capture/inflate.hpp>
 #include <rye/core/error.hpp>
 
+#include "data/film_encoder.hpp"
 #include "data/picture_codecs.hpp"
 #include "data/system.hpp"
 
@@ -215,6 +216,28 @@ class Y4m : public MovingPicture {
     Image8 first_; // for its size
 };
 
+// ---- by ffmpeg ---------------------------------------------------------------------------------
+
+/// A Y4M beside the video, of which ffmpeg makes it in the end.
+class Film : public MovingPicture {
+  public:
+    Film(fs::path path, FrameRate rate)
+        : path_(std::move(path)),
+          pictures_(path_.string() + ".y4m"),
+          y4m_(path_.string(), rate, pictures_) {
+        require_ffmpeg(path_);
+    }
+    void add(const Image8& picture) override { y4m_.add(picture); }
+    void finish() override {
+        y4m_.finish();
+        encode_film(pictures_, path_);
+    }
+
+  private:
+    fs::path path_, pictures_;
+    Y4m<AtomicFile> y4m_;
+};
+
 } // namespace
 
 FrameRate parsed_rate(const std::string& text, const std::string& who) {
@@ -246,6 +269,7 @@ std::unique_ptr<MovingPicture> moving_picture(const fs::path& path, OutFormat fo
     RYE_ASSERT(moves(format) && count > 0, "moving_picture: a format or count of no video");
     if (format == OutFormat::picture_folder) return std::make_unique<PictureFolder>(path, count);
     if (format == OutFormat::apng) return std::make_unique<AnimatedPng>(path, rate, count);
+    if (format == OutFormat::film) return std::make_unique<Film>(path, rate);
     if (format == OutFormat::y4m)
         return std::make_unique<Y4m<AtomicFile>>(path.string(), rate, path);
     return std::make_unique<Y4m<StandardOutput>>("standard output", rate);

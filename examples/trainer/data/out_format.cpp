@@ -19,6 +19,8 @@ std::vector<std::string_view> names_of(OutFormat format) {
             return {".apng"};
         case OutFormat::y4m:
             return {".y4m"};
+        case OutFormat::film:
+            return {".mp4", ".webm"};
         case OutFormat::y4m_stream:
             return {"- (Y4M on standard output)"};
         case OutFormat::picture_folder:

@@ -10,12 +10,12 @@
 
 namespace rye::trainer {
 
-enum class OutFormat { png, jpeg, apng, y4m, y4m_stream, picture_folder, csv };
+enum class OutFormat { png, jpeg, apng, y4m, y4m_stream, film, picture_folder, csv };
 
 /// Returns true for formats of more than one picture.
 constexpr bool moves(OutFormat f) {
     return f == OutFormat::apng || f == OutFormat::y4m || f == OutFormat::y4m_stream ||
-           f == OutFormat::picture_folder;
+           f == OutFormat::film || f == OutFormat::picture_folder;
 }
 
 /// Returns the way to ask for a format: ".png", "-", or "a folder (no extension)".

@@ -16,6 +16,7 @@
 #include <rye/core/format.hpp>
 #include <rye/geometry/check_camera.hpp>
 #include <rye/math/linalg.hpp>
+#include <rye/math/rotation.hpp>
 
 namespace rye {
 
@@ -46,6 +47,26 @@ struct PlayableAvatar {
     /// Returns true if gazes are visual axes, of which kappa makes optical ones.
     bool visual_axes() const { return avatar.eyes.kappa.size() > 0; }
 };
+
+/// Where a head is at its neutral drivers [world units].
+template <class T>
+struct HeadPlace {
+    Vec3<T> middle; ///< of the box around the face's points at rest
+    T radius;       ///< nine of ten of them are nearer to the middle
+};
+
+template <Real T>
+HeadPlace<T> head_place(const PlayableAvatar<T>& p) {
+    const Drivers<T>& d = p.neutral;
+    const Columns<T>& x = p.avatar.face.position;
+    const Mat3<T> r = so3_exp(Vec3<T>(d.pose.template head<3>()));
+    const Vec3<T> middle = T(0.5) * (x.rowwise().minCoeff() + x.rowwise().maxCoeff());
+    std::vector<T> apart;
+    for (Index i = 0; i < x.cols(); ++i) apart.push_back((x.col(i) - middle).norm());
+    const auto tenth = apart.begin() + static_cast<std::ptrdiff_t>(apart.size() * 9 / 10);
+    std::nth_element(apart.begin(), tenth, apart.end());
+    return {d.scale * (r * middle) + Vec3<T>(d.pose.template tail<3>()), d.scale * *tenth};
+}
 
 /// The camera of the render whose super-resolution, `factor` times larger, has the first columns
 /// and rows of the camera's picture: the same view, of whole blocks of factor x factor pixels.

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "viewing/view_page.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <rye/core/error.hpp>
+#include <rye/rig/gaze.hpp>
+
+#include "data/json_fields.hpp"
+#include "data/picture_codecs.hpp"
+#include "viewing/page_files.hpp"
+
+namespace rye::trainer {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr int least_side = 16, most_side = 2048, quality = 95;
+constexpr double largest_number = 1e9;
+
+/// Returns the numbers of a field, which has `count` of them; empty if there is no such field.
+std::vector<float> numbers_of(const Json& request, const char* key, Index count) {
+    if (!request.contains(key)) return {};
+    const Json& list = json_list(request, key, "draw", "a list of numbers");
+    require(list.size() == static_cast<std::size_t>(count), std::string("draw: ") + key, "got ",
+            list.size(), " numbers, expected ", count);
+    std::vector<float> numbers;
+    for (const Json& x : list) {
+        numbers.push_back(static_cast<float>(json_number(x, std::string("draw: ") + key)));
+        require(std::abs(static_cast<double>(numbers.back())) <= largest_number,
+                std::string("draw: ") + key, "got ", numbers.back(), ", expected at most 1e9");
+    }
+    return numbers;
+}
+
+int side_of(const Json& request, const char* key, int otherwise) {
+    const double x = json_number(request, key, otherwise, "draw");
+    require(x >= least_side && x <= most_side && x == std::floor(x), std::string("draw: ") + key,
+            "got ", x, ", expected ", least_side, " to ", most_side, " pixels");
+    return static_cast<int>(x);
+}
+
+/// Changes a wish as a request asks.
+void change(ViewWish& w, const Json& request) {
+    Drivers<float>& d = w.drivers;
+    const std::vector<float> gaze = numbers_of(request, "gaze", 4),
+                             pose = numbers_of(request, "pose", 6),
+                             motion = numbers_of(request, "motion", 16),
+                             expression = numbers_of(request, "expression", d.expression.size());
+    if (!gaze.empty())
+        for (std::size_t e = 0; e < 2; ++e) {
+            for (std::size_t k = 0; k < 2; ++k)
+                require(std::abs(gaze[2 * e + k]) <= 1.57F, "draw: gaze", "got ", gaze[2 * e + k],
+                        " rad, expected at most 1.57 either way");
+            d.gaze[e] = gaze_vector(gaze[2 * e], gaze[2 * e + 1]);
+        }
+    if (!pose.empty()) d.pose = Eigen::Map<const Vec<float, 6>>(pose.data());
+    if (!expression.empty())
+        d.expression = Eigen::Map<const VecX<float>>(expression.data(), d.expression.size());
+    Pinhole<float>& c = w.camera;
+    if (!motion.empty())
+        for (Index row = 0; row < 3; ++row) {
+            for (Index k = 0; k < 3; ++k)
+                c.camera_from_world.rotation(row, k) = motion[static_cast<std::size_t>(4 * row + k)];
+            c.camera_from_world.translation[row] = motion[static_cast<std::size_t>(4 * row + 3)];
+        }
+    const int width = side_of(request, "width", c.width), height = side_of(request, "height", c.height);
+    const float x = static_cast<float>(width) / static_cast<float>(c.width),
+                y = static_cast<float>(height) / static_cast<float>(c.height);
+    c.fx *= x, c.cx *= x, c.fy *= y, c.cy *= y;
+    c.width = width, c.height = height;
+    w.accuracy = json_text(request, "accuracy", w.accuracy, "draw");
+    w.effects = json_text(request, "effects", w.effects, "draw");
+}
+
+WebAnswer json_answer(const Json& json) { return {200, "application/json", json.dump(), {}}; }
+
+} // namespace
+
+void ViewPage::show(std::unique_ptr<ViewedScene> scene) {
+    const bool same = scene_ && scene_->description().at("names") == scene->description().at("names");
+    scene_ = std::move(scene);
+    if (!same) wish_ = scene_->first();
+    ++number_;
+}
+
+ViewedScene& ViewPage::scene() {
+    require(scene_ != nullptr, "rye view", words_.empty() ? "there is no picture yet" : words_);
+    return *scene_;
+}
+
+WebAnswer ViewPage::picture(const std::string& body) {
+    ViewedScene& shown = scene();
+    const Json request = parse_json_text(body, "draw");
+    require(request.is_object(), "draw", "got ", [&] { return json_excerpt(request); },
+            ", expected an object");
+    ViewWish wish = wish_;
+    change(wish, request);
+    ViewWish moved = wish;
+    if (live_) live_(moved.drivers);
+    const ViewedPicture p = shown.draw(moved);
+    wish_ = wish; // what can be drawn is kept
+    const Bytes jpeg = encode_jpeg(to_8bit(p.picture), quality, "rye view");
+    const Json told{{"ms", p.ms}, {"work", {{"gaussians", p.gaussians}, {"pixels", p.pixels}}}};
+    return {200, "image/jpeg", std::string(as_text(jpeg)), {{"X-Rye", told.dump()}}};
+}
+
+WebAnswer ViewPage::answer(const WebRequest& r) {
+    const std::pair<std::string_view, const char*> files[]{{"", "text/html"},
+                                                           {"style.css", "text/css"},
+                                                           {"camera.js", "text/javascript"},
+                                                           {"page.js", "text/javascript"}};
+    for (const auto& [name, type] : files) {
+        if (r.path != name) continue;
+        std::string text(page_file(name.empty() ? "index.html" : name));
+        if (name == "page.js") text = std::string(page_file("view.js")) + text;
+        return {200,
+                std::string(type) + "; charset=utf-8",
+                std::move(text),
+                {{"Content-Security-Policy", "default-src 'self'; img-src 'self' data: blob:"}}};
+    }
+    if (r.path == "news") {
+        Drivers<float> unused = wish_.drivers;
+        return json_answer(
+            {{"scene", number_}, {"live", live_ && scene_ && live_(unused)}, {"words", words_}});
+    }
+    if (r.path == "opened") {
+        if (!scene_)
+            return json_answer({{"scene", number_},
+                                {"waiting", words_.empty() ? "there is no picture yet" : words_}});
+        Json opened = scene_->description();
+        opened["scene"] = number_;
+        opened["accuracies"] = scene_->accuracies();
+        opened["accuracy"] = scene_->usual();
+        opened["effects"] = scene_->effects();
+        wish_ = scene_->first();
+        return json_answer(opened);
+    }
+    if (r.path == "draw" && r.method == "POST") return picture(r.body);
+    if (r.path == "prices" && r.method == "POST") {
+        Json list = Json::array();
+        ViewWish wish = wish_;
+        if (live_) live_(wish.drivers);
+        for (const ViewedPrice& p : scene().prices(wish))
+            list.push_back(
+                {{"accuracy", p.accuracy}, {"ms", p.ms}, {"most", p.most}, {"mean", p.mean}});
+        return json_answer(list);
+    }
+    return {404, "text/plain; charset=utf-8", "nothing is here\n", {}};
+}
+
+} // namespace rye::trainer
