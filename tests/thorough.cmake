@@ -171,8 +171,15 @@ rye_check(device_formulas device/check.sh ${CMAKE_CURRENT_BINARY_DIR}/compile_fl
 set_tests_properties(device_formulas PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 900)
 
 # ---- kernels of a device: their machine code everywhere that nvcc is; on a device they run --------
+# Each architecture takes a minute and a half: release has all, and the others the newest.
+set(architectures 90)
+if(RYE_TESTS STREQUAL release)
+  set(architectures 75 80 90)
+else()
+  rye_not_run(device_kernels_75_80 "check.sh --release runs it")
+endif()
 rye_check(device_kernels cuda/machine_code.sh ${CMAKE_CURRENT_BINARY_DIR}/compile_flags.txt
-          ${CMAKE_CURRENT_SOURCE_DIR}/cuda/record.txt)
+          ${CMAKE_CURRENT_SOURCE_DIR}/cuda/record.txt ${architectures})
 set_tests_properties(device_kernels PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 1800)
 rye_check(device_programs cuda/programs.sh ${CMAKE_CURRENT_BINARY_DIR}/compile_flags.txt)
 set_tests_properties(device_programs PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 1800)

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# machine_code.sh [--record] FLAGS_FILE RECORD: compiles kernels.cu for sm_75, sm_80 and sm_90 where
-# nvcc is, with warnings as errors, and holds registers, spilled bytes and machine instructions of
+# machine_code.sh [--record] FLAGS_FILE RECORD [ARCHITECTURE...]: compiles kernels.cu for these, or for
+# 75, 80 and 90, where nvcc is, with warnings as errors, and holds registers, spilled bytes and machine instructions of
 # each kernel against the record: at most 1.10 times, spills not at all more. An instruction is 16
 # bytes of a kernel's section. --record writes the record anew. nvcc: $NVCC, of the PATH, or of
 # /usr/local/cuda.
@@ -15,12 +15,15 @@ here=$(cd "$(dirname "$0")" && pwd)
 not_compiled="device_kernels: skipped, no nvcc is there, so no machine code was made for a device"
 . "$here/../device/find_nvcc.sh"
 # nvcc reads -isystem and its folder as two words.
-includes="-isystem /usr/include/eigen3 $(sed -n 's/^-isystem/-isystem /p' "$1" | tr '\n' ' ')"
+flags_file=$1
 record=$2
+shift 2
+[ $# -gt 0 ] || set -- 75 80 90
+includes="-isystem /usr/include/eigen3 $(sed -n 's/^-isystem/-isystem /p' "$flags_file" | tr '\n' ' ')"
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
-for architecture in 75 80 90; do
+for architecture; do
     # shellcheck disable=SC2086 # the folders are several words
     "$nvcc" -std=c++20 -O3 -DNDEBUG -DEIGEN_DONT_PARALLELIZE --fmad=false -Werror all-warnings \
         -diag-suppress 20012,20015 -I"$here/../../include" $includes \
@@ -58,5 +61,5 @@ awk '
         if ($5 > 1.10 * size[key]) {
             print $1 " " $2 ": " $5 " instructions, recorded " size[key]; bad = 1 }
     }
-    END { if (!bad) print kernels " kernels of three architectures keep the record"; exit bad }
+    END { if (!bad) print kernels " kernels of '"$*"' keep the record"; exit bad }
 ' "$record" "$work/found"
