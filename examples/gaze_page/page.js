@@ -249,13 +249,18 @@ function resize(size) {
     want({ motion: orbit.motion() });
 }
 
+/// A face without expression, as far as the training had one, that looks at the visitor.
+function rest() {
+    turn = [0, 0, 0];
+    expression = avatar.expression.map((_, i) => clamp(0, avatar.low[i], avatar.high[i]));
+    pointer = [0, 0];
+    gaze = gazeAt(pointer);
+    goal = [...gaze];
+}
+
 function reset() {
     orbit.reset();
-    turn = [0, 0, 0];
-    expression = [...avatar.expression];
-    gaze = [...avatar.gaze];
-    goal = [...gaze];
-    pointer = null;
+    rest();
     headSliders.forEach((s) => s.set(0));
     expressionSliders.forEach((s, i) => s.set(expression[i]));
     showGaze();
@@ -340,11 +345,7 @@ function open(buffer, name) {
 function begin(opened) {
     avatar = opened;
     orbit = new Orbit(avatar.motion, avatar.head);
-    expression = [...avatar.expression];
-    gaze = [...avatar.gaze];
-    goal = [...gaze];
-    turn = [0, 0, 0];
-    pointer = null;
+    rest();
     side = sides.includes(avatar.width) ? avatar.width : 256;
     makeSliders();
     element("facts").textContent =

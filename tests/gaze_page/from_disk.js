@@ -27,7 +27,8 @@ async function fromDisk(b, folder, gaze, width) {
     await b.call("Page.navigate", { url: pathToFileURL(path.resolve(folder, "index.html")).href });
     await b.until("location.protocol === 'file:' && window.gazePage && gazePage.firstPicture !== null", 60000);
     const first = Date.now() - begin;
-    await b.evaluate(`gazePage.show({ gaze: ${JSON.stringify(gaze)} }, ${width || "gazePage.avatar.width"})`);
+    await b.evaluate(`gazePage.show({ gaze: ${JSON.stringify(gaze)},
+        expression: gazePage.avatar.expression }, ${width || "gazePage.avatar.width"})`);
     return { first, sum: await b.evaluate(sum), share: await b.evaluate(share),
              faults: [...b.faults, ...await b.evaluate("gazePage.errors")] };
 }

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # gaze_page.sh RYE WORK: builds examples/gaze_page with an avatar of half the size that `--preset
 # cpu` trains, of a few steps (its skin moves more than that of a trained one), and has a headless Chromium
-# visit it (test.js). Where emscripten, node or Chromium is missing it says so and ends with 77. From
+# visit it (test.js); then the same head as `rye view` draws it (view.js). Where emscripten, node or Chromium is missing it says so and ends with 77. From
 # the environment:
 #   CHROMIUM   the browser (default: chromium, chromium-browser or google-chrome)
 #   AVATAR and REFERENCE, DRIVERS   instead of its own: an avatar file, a picture of it by
@@ -46,3 +46,5 @@ EOF
 fi
 sh "$here/../../examples/gaze_page/build.sh" "$avatar" "$work/page"
 node "$here/test.js" "$chromium" "$work/page" "$reference" "$drivers" "$work/pictures"
+[ -d "$work/run" ] || exit 0
+node "$here/view.js" "$chromium" "$rye" "$work/run" "$reference" "$drivers" "$work/pictures"

@@ -94,7 +94,12 @@ async function main() {
         console.log(`avatar of ${facts.g} Gaussians, pictures of ${facts.w} x ${facts.w}`);
 
         const gaze = drivers.split(",").map((d) => (Number(d) * Math.PI) / 180);
-        await b.evaluate(`gazePage.show({ gaze: ${JSON.stringify(gaze)} }, ${facts.w})`);
+        const met = await b.evaluate(`(() => { const at = gazeAt([0, 0]);
+            return [Math.max(...gaze.map((g, i) => Math.abs(g - at[i]))),
+                    Math.max(...expression.map((x, i) => Math.abs(x - clamp(0, gazePage.avatar.low[i], gazePage.avatar.high[i]))))]; })()`);
+        figure("at first: off the visitor [rad], off no expression", met.map((x) => x.toFixed(3)).join(", "),
+               met[0] === 0 && met[1] === 0, "0, 0");
+        await b.evaluate(`gazePage.show({ gaze: ${JSON.stringify(gaze)}, expression: gazePage.avatar.expression }, ${facts.w})`);
         const quality = await b.evaluate(psnr(path.basename(reference)));
         figure("PSNR to rye redirect [dB]", quality.toFixed(1), quality >= 45, "at least 45");
         const served = await b.evaluate(sum);
