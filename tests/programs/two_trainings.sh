@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # two_trainings.sh RYE WORK: two trainings into one folder. The second is told who has it and writes
-# nothing, of two that begin at once one goes on, and a training that was killed leaves no lock.
+# nothing, of two that begin at once one goes on, and a training that was killed leaves no lock. One
+# that is shown in the browser is the same.
 set -eu
 rye=$1
 work=$2
@@ -69,3 +70,16 @@ seed=$(grep -o '"seed": *[0-9]*' both/config.json | grep -o '[0-9]*$')
 grep -a -q "\\\\\"seed\\\\\":$seed" both/checkpoint.safetensors ||
     fail "config.json has seed $seed, and the checkpoint another"
 echo "two trainings: one is refused, by name"
+
+# A training that is shown in the browser has the bits of one that is not.
+begin --out plain --steps 4 > plain.txt 2>&1 || fail "$(cat plain.txt)"
+code=0
+begin --out shown --steps 4 --view 0 > shown.txt 2>&1 || code=$?
+if grep -q "built without Asio" shown.txt; then
+    echo "not run: two_trainings: train --view: $(cat shown.txt)"
+    exit 0
+fi
+[ $code -eq 0 ] || fail "train --view: $(cat shown.txt)"
+grep -q '^rye: note: shown at http://127.0.0.1:[0-9]*/[0-9a-f]*/$' shown.txt || fail "no address: $(cat shown.txt)"
+cmp plain/checkpoint.safetensors shown/checkpoint.safetensors || fail "train --view changed the training"
+echo "a training that is shown: the same bits"

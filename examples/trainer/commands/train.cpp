@@ -626,7 +626,7 @@ int train(const TrainOptions& o) {
     if (!o.begin.empty()) trainer.begin_after(o.begin);
     if (other_frames) trainer.save(); // to match the frames now beside it
     for (const int signal : stop_signals) std::signal(signal, request_stop);
-    if (view && !quiet(o)) std::cout << "seen at " << view->address() << "\n" << std::flush;
+    if (view) std::cerr << "rye: note: shown at " << view->address() << "\n";
     const bool done = trainer.run();
     view.reset();
     if (o.json) std::cout << trainer.summary(done).dump(2) << "\n";
