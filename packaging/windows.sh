@@ -75,7 +75,7 @@ library() {
 }
 if [ ! -e "$sysroot/complete" ]; then
     rm -rf "$sysroot"
-    copy libeigen3-dev libxsimd-dev libcli11-dev nlohmann-json3-dev
+    copy libeigen3-dev libxsimd-dev libcli11-dev nlohmann-json3-dev libasio-dev
     # A mirror may lack the newest of the security archive.
     sources 'Debian[^|]*' libpng1.6 libjpeg-turbo || sources Debian libpng1.6 libjpeg-turbo ||
         { echo "no Debian mirror that has the sources of libpng and libjpeg-turbo could be read"; exit 77; }
@@ -105,7 +105,7 @@ own=$("$host-objdump" -p "$work/$name/rye.exe" | sed -n 's/.*DLL Name: //p' | gr
 
 # ---- the archive ---------------------------------------------------------------------------------
 cp "$source/LICENSE" "$work/$name/"
-for package in libeigen3-dev libxsimd-dev libcli11-dev nlohmann-json3-dev libz-mingw-w64-dev mingw-w64-x86-64-dev \
+for package in libeigen3-dev libxsimd-dev libcli11-dev nlohmann-json3-dev libasio-dev libz-mingw-w64-dev mingw-w64-x86-64-dev \
     gcc-mingw-w64-x86-64-posix-runtime; do
     cp "/usr/share/doc/$package/copyright" "$work/$name/licences/$package.txt"
 done

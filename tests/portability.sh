@@ -303,7 +303,7 @@ target_windows() {
 target_aarch64() {
     sysroot=$here/sysroot
     if ! unpack "$(. /etc/os-release && echo "${VERSION_CODENAME:-stable}")" arm64 "$sysroot" \
-        libxsimd-dev libeigen3-dev libcli11-dev nlohmann-json3-dev doctest-dev \
+        libxsimd-dev libeigen3-dev libcli11-dev nlohmann-json3-dev libasio-dev doctest-dev \
         libjpeg62-turbo-dev libjpeg62-turbo libpng-dev libpng16-16 zlib1g-dev zlib1g; then
         skip aarch64 "everything" "no Debian mirror that has arm64's packages could be read"
         return 0
