@@ -178,11 +178,9 @@ Shot shot_of(const RedirectOptions& o, const TrainState& state, std::ostream& sa
     const std::vector<Pinhole<double>> cameras =
         own_cameras(o.own, capture.camera(view.frame, view.camera), middle);
     std::vector<Drivers<float>> drivers{base};
-    if (!o.driving.path.empty()) {
-        const FrameRate rate = parsed_rate(o.rate, "--fps");
+    if (!o.driving.path.empty())
         drivers = driving_frames(o.driving, state, capture, base,
-                                 static_cast<double>(rate.pictures) / rate.seconds);
-    }
+                                 pictures_a_second(parsed_rate(o.rate, "--fps")));
     const std::size_t d = drivers.size(), c = cameras.size();
     require(d == c || d == 1 || c == 1, "rye redirect", "got ", d, " frames of --driving and ", c,
             " cameras of --cameras, expected as many of both, or one of either (--view)");

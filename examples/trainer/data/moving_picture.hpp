@@ -23,6 +23,10 @@ struct FrameRate {
     int pictures = 25, seconds = 1;
 };
 
+inline double pictures_a_second(const FrameRate& rate) {
+    return static_cast<double>(rate.pictures) / rate.seconds;
+}
+
 /// Parses "25" or "30000/1001": 1 to 1000 pictures per second, of whole numbers up to 65535; throws
 /// an Error that begins with `who` for anything else.
 FrameRate parsed_rate(const std::string& text, const std::string& who);
