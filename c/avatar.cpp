@@ -5,11 +5,13 @@
 #include <cmath>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include <rye/avatar/gaze_at.hpp>
+#include <rye/avatar/idle_head.hpp>
 #include <rye/capture/avatar_file.hpp>
 #include <rye/interactive/player.hpp>
 #include <rye/rig/gaze.hpp>
@@ -19,12 +21,16 @@
 using namespace rye;
 using namespace rye::c;
 
+constexpr double idle_seconds = 3600;
+
 struct rye_avatar {
     ObjectThreads pool;
     PlayableAvatar<float> playable;
     AvatarPlayer<LibraryBackend> player;
     HeadPlace<float> place;
     std::vector<const char*> names;
+    std::optional<IdleEyes> idle;
+    std::uint64_t idle_seed = 0;
     bool drawn = false;
 
     rye_avatar(const rye_options& o, PlayableAvatar<float> p)
@@ -193,6 +199,35 @@ rye_status rye_avatar_gaze_at(rye_avatar* avatar, rye_drivers* drivers, const fl
             std::copy_n(angles.data(), 2, drivers->gaze[eye]);
             if (missed != nullptr) missed[eye] = aimed[eye].missed;
         }
+    });
+}
+
+rye_status rye_avatar_idle(rye_avatar* avatar, rye_drivers* drivers, float* expression,
+                           std::uint64_t seed, double seconds, float range) {
+    return guarded([&] {
+        check_pointer(avatar, "avatar");
+        require(range > 0 && range <= 1.22F, "range", "got ", range,
+                " rad, expected above 0 to 1.22");
+        require(seconds >= 0 && seconds <= idle_seconds, "seconds", "got ", seconds,
+                ", expected 0 to ", idle_seconds);
+        Drivers<float> d = drivers_of(*avatar, drivers);
+        const PlayableAvatar<float>& p = avatar->playable;
+        check_drivers("drivers", p.config, d);
+        if (!avatar->idle || avatar->idle_seed != seed) {
+            avatar->idle.emplace(IdleSettings{}, seed, idle_seconds);
+            avatar->idle_seed = seed;
+        }
+        LidCoefficients<float> lids;
+        if (expression != nullptr)
+            lids = lid_coefficients(p.expression_names, p.ranges.expression_high);
+        add_idle(avatar->idle->at(seconds), lids, static_cast<double>(range), d);
+        for (std::size_t eye = 0; eye < 2; ++eye) {
+            const Vec2<float> angles = pitch_yaw(d.gaze[eye]);
+            std::copy_n(angles.data(), 2, drivers->gaze[eye]);
+        }
+        if (expression == nullptr) return;
+        std::copy_n(d.expression.data(), d.expression.size(), expression);
+        drivers->expression = expression;
     });
 }
 

@@ -17,7 +17,7 @@ static rye_drivers drivers;
 static rye_camera camera;
 static rye_avatar_info info;
 static rye_picture picture;
-static float expression[most_expressions];
+static float expression[most_expressions], living[most_expressions];
 
 EMSCRIPTEN_KEEPALIVE const char* page_message(void) { return rye_message(); }
 
@@ -76,8 +76,14 @@ EMSCRIPTEN_KEEPALIVE int page_size(int width, int height) {
     return picture.rgba == NULL ? RYE_ERROR_MEMORY : RYE_OK;
 }
 
-EMSCRIPTEN_KEEPALIVE int page_draw(void) {
-    return rye_avatar_draw(avatar, &drivers, &camera, NULL, &picture);
+/* Draws; with `seconds` from 0 on, the eyes have lived by themselves for so long, within `range`. */
+EMSCRIPTEN_KEEPALIVE int page_draw(double seconds, float range) {
+    rye_drivers moved = drivers;
+    if (seconds >= 0) {
+        const rye_status status = rye_avatar_idle(avatar, &moved, living, 1, seconds, range);
+        if (status != RYE_OK) return status;
+    }
+    return rye_avatar_draw(avatar, &moved, &camera, NULL, &picture);
 }
 EMSCRIPTEN_KEEPALIVE const unsigned char* page_pixels(void) { return picture.rgba; }
 

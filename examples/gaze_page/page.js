@@ -62,8 +62,8 @@ function pose() {
 function gazeAt([across, up]) {
     const [right, above, toward] = orbit.axes();
     const p = pose(), r = rotation(p.slice(0, 3));
-    // On a screen before the face, about as wide as the picture is at the head.
-    const before = 2.6 * avatar.radius, half = 1.5 * avatar.radius;
+    // On a screen where a visitor would be, which spans 60 degrees: eyes turn in by some 6.
+    const before = 5.2 * avatar.radius, half = 3 * avatar.radius;
     let target = plus(avatar.head, toward, before);
     target = plus(plus(target, right, half * across), above, half * up);
     const angles = [];
@@ -90,6 +90,7 @@ function want(parts) {
 function ask() {
     if (busy || !avatar || Object.keys(wanted).length === 0) return;
     busy = true;
+    if (wanted.idle === undefined) state.lives = false;
     const draw = { ...wanted, width: side, height: Math.round((side * avatar.height) / avatar.width) };
     wanted = {};
     worker.postMessage({ draw, id: ++pictures });
@@ -146,15 +147,31 @@ function start(address, wasm = null) {
     worker.postMessage({ start: wasm });
 }
 
-/// Eyes move to their goal in a few pictures, as eyes do, and end exactly there.
-let lastStep = 0;
+/// Eyes move to their goal in a few pictures, as eyes do, and end exactly there. Where nobody has moved
+/// anything for a while, they live by themselves.
+let lastStep = 0, lastTouch = performance.now();
+const patience = 2500, lifetime = 600;  // [ms]; [s], after which a life begins again
+function touched() {
+    lastTouch = performance.now();
+}
+function lives(now) {
+    return avatar && element("alive").checked && now - lastTouch > patience && !document.hidden;
+}
 function step(now) {
     requestAnimationFrame(step);
     if (!avatar || busy) return;
     const share = 1 - Math.exp(-Math.min(now - lastStep, 100) / 45);
     lastStep = now;
     const left = Math.max(...gaze.map((g, i) => Math.abs(goal[i] - g)));
-    if (left === 0) return;
+    if (left === 0) {
+        if (lives(now)) {
+            state.lives = true;
+            want({ idle: ((now - lastTouch - patience) / 1000) % lifetime });
+        } else if (state.lives) {  // what was drawn last is not what the page shows
+            want({ gaze });
+        }
+        return;
+    }
     gaze = left < 0.004 ? [...goal] : gaze.map((g, i) => g + share * (goal[i] - g));
     showGaze();
     want({ gaze });
@@ -176,6 +193,7 @@ function slider(parent, { name, low, high, value, unit = 1, digits = 0, suffix =
         output.textContent = `${(v * unit).toFixed(digits)}${suffix}`;
     };
     range.addEventListener("input", () => {
+        touched();
         set(Number(range.value));
         input(Number(range.value));
     });
@@ -272,11 +290,13 @@ function follow() {
     if (avatar && pointer && element("follow").checked) goal = gazeAt(pointer);
 }
 function look(x, y) {
+    touched();
     const box = canvas.getBoundingClientRect(), half = Math.min(box.width, box.height) / 2;
     pointer = [(x - box.left - box.width / 2) / half, -(y - box.top - box.height / 2) / half];
     follow();
 }
 function orbitBy(yaw, pitch, zoom = 1) {
+    touched();
     orbit.turn(yaw, pitch);
     orbit.magnify(zoom);
     want({ motion: orbit.motion() });
@@ -329,6 +349,13 @@ canvas.addEventListener("keydown", (e) => {
     e.preventDefault();
     orbitBy(...keys[e.key]);
 });
+const coarse = matchMedia("(pointer: coarse)").matches;
+element("hint").textContent = coarse ? "Touch: the eyes look there. Two fingers turn and zoom."
+                                     : "Move the pointer: the eyes follow. Drag to turn, scroll to zoom.";
+setTimeout(() => element("hint").classList.add("gone"), 9000);
+element("controls").open = Boolean(window.ryeRemote);
+element("numbers").open = Boolean(window.ryeRemote);
+element("alive").checked = !matchMedia("(prefers-reduced-motion: reduce)").matches;
 element("follow").addEventListener("change", follow);
 element("reset").addEventListener("click", () => avatar && reset());
 element("file").addEventListener("change", async (e) => {
@@ -350,6 +377,8 @@ function begin(opened) {
     makeSliders();
     element("facts").textContent =
         `${avatar.name ? `${avatar.name}, ` : ""}${avatar.gaussians.toLocaleString("en")} Gaussians`;
+    canvas.setAttribute("aria-label", `${avatar.name || "A head"}. ` +
+        "Its eyes follow the pointer; drag, or press the arrow keys, to turn the camera.");
     state.avatar = avatar;
     want({ gaze, expression, pose: pose(), motion: orbit.motion() });
 }
@@ -361,12 +390,15 @@ const state = {
     firstPicture: null,  ///< [ms] from the start of this script
     errors: [],
     avatar: null,
+    lives: false,        ///< the last picture is of eyes that live by themselves
     /// Shows gaze (left pitch, yaw, right pitch, yaw [rad]), expression, pose (6), motion (16), all
     /// optional, at width x width; resolves after it is on the canvas with its time and work.
     show(parts, width = side) {
+        touched();
         side = width;
         if (parts.gaze) goal = gaze = [...parts.gaze];
         return new Promise((resolve, reject) => {
+            delete wanted.idle;
             Object.assign(wanted, parts.gaze ? {} : { gaze }, parts);
             waiting.push({ id: pictures + 1, resolve, reject });
             ask();

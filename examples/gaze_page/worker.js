@@ -2,7 +2,8 @@
 // worker.js: rye in a thread of its own, so that the page stays responsive. Messages in:
 //   {start: ArrayBuffer or null}        the first: rye.wasm, or that it is to be read from the host
 //   {open: ArrayBuffer, name}           an avatar file
-//   {draw: {gaze, expression, pose, motion, width, height}, id}   any of these; the rest stays
+//   {draw: {gaze, expression, pose, motion, width, height}, id}   any of these; the rest stays.
+//     With `idle`, seconds, the eyes live by themselves, in this picture alone
 // Messages out: {opened: {...}}, {picture: ArrayBuffer, width, height, id, ms, work}, {error: text}.
 "use strict";
 
@@ -60,7 +61,7 @@ function draw(wanted) {
     if (wanted.motion) write(rye._page_motion(), wanted.motion);
     check(rye._page_size(wanted.width, wanted.height));
     const begin = performance.now();
-    check(rye._page_draw());
+    check(rye._page_draw(wanted.idle ?? -1, 0.5));
     const ms = performance.now() - begin;
     const work = rye._page_work() >> 2;
     const at = rye._page_pixels(), size = 4 * wanted.width * wanted.height;

@@ -13,6 +13,7 @@
 #include <doctest/doctest.h>
 
 #include <rye/avatar/gaze_at.hpp>
+#include <rye/avatar/idle_head.hpp>
 #include <rye/capture/avatar_file.hpp>
 #include <rye/interactive/player.hpp>
 #include <rye/splat/lanes.hpp>
@@ -338,6 +339,26 @@ TEST_CASE(
                                                         p.neutral)[0]));
         check_failed(rye_avatar_gaze_at(avatar, &wrong, eye.data(), 0.8F, nullptr),
                      RYE_ERROR_ARGUMENT, "point: lies inside the left eye");
+        // By itself: gazes turn, lids by names close, as the headers have it.
+        std::vector<float> lids(3);
+        wrong = d;
+        REQUIRE(rye_avatar_idle(avatar, &wrong, lids.data(), 7, 12.5, 0.5F) == RYE_OK);
+        Drivers<float> lives = turned;
+        add_idle(IdleEyes({}, 7, 3600).at(12.5),
+                 lid_coefficients(p.expression_names, p.ranges.expression_high), 0.5, lives);
+        for (std::size_t e = 0; e < 2; ++e)
+            CHECK((gaze_vector<float>(wrong.gaze[e][0], wrong.gaze[e][1]) - lives.gaze[e]).norm() <
+                  1e-6F);
+        CHECK((lives.gaze[0] - turned.gaze[0]).norm() > 1e-3F);
+        CHECK(wrong.expression == lids.data());
+        CHECK(Eigen::Map<const VecX<float>>(lids.data(), 3) == lives.expression);
+        wrong = d;
+        REQUIRE(rye_avatar_idle(avatar, &wrong, nullptr, 7, 12.5, 0.5F) == RYE_OK);
+        CHECK(wrong.expression == d.expression);
+        check_failed(rye_avatar_idle(avatar, &wrong, nullptr, 7, -1, 0.5F), RYE_ERROR_ARGUMENT,
+                     "seconds: got -1, expected 0 to 3600");
+        check_failed(rye_avatar_idle(avatar, &wrong, nullptr, 7, 1, 0), RYE_ERROR_ARGUMENT,
+                     "range: got 0 rad");
         wrong = d;
         wrong.scale = 0;
         check_failed(rye_avatar_draw(avatar, &wrong, &camera, nullptr, &picture),

@@ -99,6 +99,19 @@ async function main() {
                     Math.max(...expression.map((x, i) => Math.abs(x - clamp(0, gazePage.avatar.low[i], gazePage.avatar.high[i]))))]; })()`);
         figure("at first: off the visitor [rad], off no expression", met.map((x) => x.toFixed(3)).join(", "),
                met[0] === 0 && met[1] === 0, "0, 0");
+        // Left alone, the eyes live by themselves, and end where they were.
+        await b.evaluate(keep("alone"));
+        await b.until("gazePage.lives", 20000);
+        const born = await b.evaluate("gazePage.frames");
+        await b.until(`gazePage.frames > ${born + 20}`, 30000);
+        await b.evaluate(keep("living"));
+        await b.evaluate("document.getElementById('alive').checked = false; true");
+        await b.until("!gazePage.lives && !busy", 20000);
+        await b.evaluate(keep("ended"));
+        const [alive, ended] = await b.evaluate(`["living", "ended"].map((k) => kept[k].data.reduce(
+            (m, x, i) => Math.max(m, Math.abs(x - kept.alone.data[i])), 0))`);
+        figure("left alone: most that changes, and is left of it", `${alive}, ${ended}`, alive > 0 && ended === 0,
+               "above 0, 0 of 255");
         await b.evaluate(`gazePage.show({ gaze: ${JSON.stringify(gaze)}, expression: gazePage.avatar.expression }, ${facts.w})`);
         const quality = await b.evaluate(psnr(path.basename(reference)));
         figure("PSNR to rye redirect [dB]", quality.toFixed(1), quality >= 45, "at least 45");

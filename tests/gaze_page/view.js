@@ -78,6 +78,9 @@ async function main() {
     try {
         await b.call("Page.navigate", { url });
         await b.until("window.gazePage && gazePage.firstPicture !== null", 60000);
+        await b.until("gazePage.lives", 20000);
+        await b.evaluate("document.getElementById('alive').checked = false; true");
+        await b.until("!gazePage.lives && !busy", 20000);
         const width = await b.evaluate("gazePage.avatar.width");
         const gaze = drivers.split(",").map((d) => (Number(d) * Math.PI) / 180);
         await b.evaluate(`gazePage.show({ gaze: ${JSON.stringify(gaze)}, expression: gazePage.avatar.expression }, ${width})`);

@@ -182,7 +182,7 @@ TEST_CASE("idle: what a run cannot show is left out, and named") {
     CHECK(say.str().find("show no closed eye") != std::string::npos);
     Capture single = named_capture({"eyeBlink_L", "eyeWide_L", "jaw"}, {0, 0, 0});
     single.frames.pop_back();
-    const LidCoefficients lids(single);
+    const LidCoefficients<float> lids = lids_of(single);
     REQUIRE(lids.blink.size() == 1);
     CHECK(lids.blink[0].most == 1.0f);
     CHECK(lids.wide[0].index == 1);

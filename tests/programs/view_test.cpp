@@ -64,6 +64,9 @@ class Asked : public ViewedScene {
         w.accuracy = "coarse";
         return w;
     }
+    void add_life(double seconds, Drivers<float>& d) override {
+        d.expression[0] = static_cast<float>(seconds);
+    }
     ViewedPicture draw(const ViewWish& w) override {
         require(w.accuracy != "bad", "accuracy", "got bad");
         last = w;
@@ -203,6 +206,11 @@ TEST_CASE("a page is told of the scene, and drawn what it asks for") {
     CHECK_FAULT(draw(R"({"pose":[0,0,0,0,0,"x"]})"), "draw: pose: got \"x\"");
     CHECK_FAULT(draw(R"({"width":1e9})"), "draw: width: got 1e+09");
     CHECK_FAULT(draw(R"({"accuracy":3})"), "draw: accuracy: got 3");
+    CHECK_FAULT(draw(R"({"idle":3601})"), "draw: idle: got 3601");
+    draw(R"({"idle":2.5})"); // in this picture alone
+    CHECK(scene.last.drivers.expression[0] == 2.5f);
+    draw("{}");
+    CHECK(scene.last.drivers.expression[0] == 1);
     const Json prices = Json::parse(page.answer({"POST", "prices", "{}"}).body);
     CHECK(prices.at(0).at("most") == 0.25);
     CHECK(prices.at(1).at("ms") == 7);

@@ -8,19 +8,14 @@
 #include <CLI/CLI.hpp>
 
 #include <rye/core/memory.hpp>
-#include <rye/rig/idle_eyes.hpp>
 
 #include "commands/options.hpp"
 #include "data/degrees.hpp"
 #include "data/memory_limit.hpp"
-#include "driving/face_names.hpp"
 
 namespace rye::trainer {
 namespace {
 
-/// Turn of the upper lid [rad] from open to closed, of which --idle makes weights: about 40
-/// degrees.
-constexpr double lid_turn = 0.7;
 /// Largest weight of a blink below which a run has not seen a closed eye.
 constexpr float half_closed = 0.5f;
 
@@ -57,35 +52,10 @@ void rest_eyes(const IdleOptions& o, const GazeAtOptions& at, const TrainState& 
         }
 }
 
-/// Turns a gaze by a moment's (pitch, yaw), not beyond the range of an eye [rad], or beyond where
-/// the gaze was if that is further.
-void turn_gaze(Vec3<float>& gaze, const Vec2<double>& turn, double range) {
-    const Vec3<double> g = gaze.cast<double>();
-    if (turn[0] == 0 && turn[1] == 0) return;
-    gaze = within(apply_kappa(g, KappaAngles<double>{turn[0], turn[1]}),
-                  std::max(range, angle_from_ahead(g)))
-               .cast<float>();
-}
-
-void move_lids(const LidCoefficients& lids, const IdleMoment& m, Drivers<float>& d) {
-    const double behind = m.lid_behind / lid_turn; // above 0: the lid is still higher
-    const float closed =
-        static_cast<float>(std::clamp(m.closed + std::max(0.0, -behind), 0.0, 1.0));
-    const float wide = static_cast<float>(std::clamp(behind, 0.0, 1.0));
-    for (const LidCoefficient& c : lids.blink) {
-        float& w = d.expression[c.index];
-        w += closed * std::max(0.0f, c.most - w);
-    }
-    for (const LidCoefficient& c : lids.wide) {
-        float& w = d.expression[c.index];
-        w += wide * std::max(0.0f, c.most - w);
-    }
-}
-
 /// Returns the names and largest weights of coefficients, for people.
-std::string named(const std::vector<LidCoefficient>& all, const Capture& capture) {
+std::string named(const std::vector<LidCoefficient<float>>& all, const Capture& capture) {
     std::string text;
-    for (const LidCoefficient& c : all)
+    for (const LidCoefficient<float>& c : all)
         text += (text.empty() ? "" : ", ") +
                 capture.expression_names[static_cast<std::size_t>(c.index)] + " to " +
                 number_text(std::round(100 * c.most) / 100);
@@ -118,18 +88,14 @@ void add_idle_options(CLI::App& command, IdleOptions& o) {
         ->check(CLI::IsMember(idle_parts));
 }
 
-LidCoefficients::LidCoefficients(const Capture& capture) {
-    for (std::size_t k = 0; k < capture.expression_names.size(); ++k) {
-        const std::string name = plain_name(capture.expression_names[k]);
-        const bool closes =
-            name.find("blink") != std::string::npos || name.find("eyesclosed") != std::string::npos;
-        if (!closes && !name.starts_with("eyewide")) continue;
-        float most = capture.frames.size() > 1 ? 0.0f : 1.0f;
-        for (const CaptureFrame& f : capture.frames)
-            if (capture.frames.size() > 1 && k < f.expression.size())
-                most = std::max(most, f.expression[k]);
-        if (most > 0) (closes ? blink : wide).push_back({static_cast<Index>(k), most});
-    }
+LidCoefficients<float> lids_of(const Capture& capture) {
+    const auto names = static_cast<Index>(capture.expression_names.size());
+    VecX<float> most = VecX<float>::Constant(names, capture.frames.size() > 1 ? 0.0f : 1.0f);
+    for (const CaptureFrame& f : capture.frames)
+        for (Index k = 0; capture.frames.size() > 1 && k < names; ++k)
+            if (k < static_cast<Index>(f.expression.size()))
+                most[k] = std::max(most[k], f.expression[static_cast<std::size_t>(k)]);
+    return lid_coefficients(capture.expression_names, most);
 }
 
 std::vector<DrawnFrame> idle_frames(const IdleOptions& o, const GazeAtOptions& at,
@@ -154,7 +120,7 @@ std::vector<DrawnFrame> idle_frames(const IdleOptions& o, const GazeAtOptions& a
     settings.drift = o.has("drift");
     settings.blinks = o.has("blinks");
     settings.lid_lag = o.has("lid-lag");
-    const LidCoefficients lids(capture);
+    const LidCoefficients<float> lids = lids_of(capture);
     std::string words;
     if (settings.blinks && lids.blink.empty()) {
         settings.blinks = false;
@@ -164,10 +130,8 @@ std::vector<DrawnFrame> idle_frames(const IdleOptions& o, const GazeAtOptions& a
     }
     const IdleEyes eyes(settings, parsed_seed(o.seed, "--seed"), o.seconds);
     for (std::size_t i = 0; i < count; ++i) {
-        const IdleMoment m = eyes.at(static_cast<double>(i) / rate);
-        Drivers<float>& d = frames[i].drivers;
-        for (Vec3<float>& gaze : d.gaze) turn_gaze(gaze, m.turn, at.range_deg * degree);
-        move_lids(lids, m, d);
+        add_idle(eyes.at(static_cast<double>(i) / rate), lids, at.range_deg * degree,
+                 frames[i].drivers);
     }
     say << "idle: " << eyes.saccades().size() << " saccades, " << eyes.blinks().size() << " blinks";
     if (settings.blinks) say << " (" << named(lids.blink, capture) << ")";

@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include <rye/avatar/idle_head.hpp>
+
 #include "commands/gaze_at.hpp"
 #include "data/moving_picture.hpp"
 
@@ -23,19 +25,9 @@ struct IdleOptions {
 /// Adds --idle, --seed and --without.
 void add_idle_options(CLI::App& command, IdleOptions& options);
 
-/// Coefficients of an expression that move the lids of an eye, with the weight at which they are
-/// closed, or as wide as they go.
-struct LidCoefficient {
-    Index index;
-    float most;
-};
-struct LidCoefficients {
-    std::vector<LidCoefficient> blink, wide;
-
-    /// Finds them by their names ("eyeBlink_L", "EyeWideRight"), of both eyes. `most` is the
-    /// largest weight in the capture's frames, or 1 if it has a single frame.
-    explicit LidCoefficients(const Capture& capture);
-};
+/// Returns the coefficients of the capture that move lids. Their largest weights are those of its
+/// frames, or 1 if it has a single frame.
+LidCoefficients<float> lids_of(const Capture& capture);
 
 /// Returns the pictures of --idle at `rate` pictures a second: `frames`, or the only one of them
 /// repeated, with gazes and lids of their own. The eyes look at the point of --gaze-at, or where

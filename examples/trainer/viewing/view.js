@@ -68,7 +68,8 @@ window.ryeRemote = {
             button.disabled = false;
         };
         set.append(button, table);
-        document.querySelector(".panel").insertBefore(set, document.getElementById("times").nextSibling);
+        const controls = document.getElementById("controls");
+        controls.insertBefore(set, controls.querySelector("fieldset"));
     },
 
     choice(key, title, values, value) {
@@ -100,8 +101,9 @@ window.ryeRemote = {
         try {
             const news = await (await this.asked("news")).json();
             this.live = news.live;
-            if (news.words) document.getElementById("hint").textContent = news.words;
-            document.getElementById("hint").classList.toggle("gone", !news.words && state.frames > 60);
+            const hint = document.getElementById("hint");
+            if (news.words) hint.textContent = news.words;
+            if (news.words) hint.classList.remove("gone");
             if (news.scene !== this.scene) {
                 this.scene = news.scene;
                 if (avatar) want({ motion: orbit.motion() });

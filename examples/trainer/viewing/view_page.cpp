@@ -17,7 +17,7 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr int least_side = 16, most_side = 2048, quality = 95;
-constexpr double largest_number = 1e9;
+constexpr double largest_number = 1e9, most_life = 3600;
 
 /// Returns the numbers of a field, which has `count` of them; empty if there is no such field.
 std::vector<float> numbers_of(const Json& request, const char* key, Index count) {
@@ -98,7 +98,10 @@ WebAnswer ViewPage::picture(const std::string& body) {
     ViewWish wish = wish_;
     change(wish, request);
     ViewWish moved = wish;
+    const double life = json_number(request, "idle", -1, "draw");
+    require(life <= most_life, "draw: idle", "got ", life, " s, expected at most ", most_life);
     if (live_) live_(moved.drivers);
+    else if (life >= 0) shown.add_life(life, moved.drivers);
     const ViewedPicture p = shown.draw(moved);
     wish_ = wish; // what can be drawn is kept
     const Bytes jpeg = encode_jpeg(to_8bit(p.picture), quality, "rye view");

@@ -35,8 +35,9 @@ class ViewPage {
     /// Answers:
     ///   GET  "", style.css, camera.js, page.js   the page
     ///   GET  opened      the scene's description, or {"waiting": words}
-    ///   POST draw        {gaze, expression, pose, motion, width, height, accuracy, effects}, each
-    ///                    optional: the picture as JPEG; times and work in the header X-Rye
+    ///   POST draw        {gaze, expression, pose, motion, width, height, accuracy, effects, idle}, each
+    ///                    optional: the picture as JPEG; times and work in the header X-Rye. idle:
+    ///                    seconds that the eyes have lived by themselves, in this picture alone
     ///   POST prices      what each accuracy costs in the last picture
     ///   GET  news        {scene, live, words}
     /// Throws an Error for fields of another kind or out of bounds.

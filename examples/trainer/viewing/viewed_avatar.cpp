@@ -3,6 +3,7 @@
 #include <chrono>
 #include <optional>
 
+#include <rye/avatar/idle_head.hpp>
 #include <rye/capture/avatar_file.hpp>
 #include <rye/interactive/player.hpp>
 #include <rye/rig/gaze.hpp>
@@ -110,6 +111,14 @@ class ViewedHead : public ViewedScene {
     }
     ViewWish first() const override { return {playable_.neutral, playable_.camera, usual_, ""}; }
 
+    void add_life(double seconds, Drivers<float>& d) override {
+        constexpr double range = 0.5; // as the page has it
+        if (!idle_) idle_.emplace(IdleSettings{}, 1, longest_life);
+        add_idle(idle_->at(seconds),
+                 lid_coefficients(playable_.expression_names, playable_.ranges.expression_high), range,
+                 d);
+    }
+
     ViewedPicture draw(const ViewWish& wish) override {
         const std::string who = "rye view";
         check_drivers(who, playable_.config, wish.drivers);
@@ -162,7 +171,10 @@ class ViewedHead : public ViewedScene {
         return of(2, Tight{});
     }
 
+    static constexpr double longest_life = 3600;
+
     PlayableAvatar<float> playable_;
+    std::optional<IdleEyes> idle_;
     std::optional<TrainState> state_;
     std::optional<FrameDrawer> device_, variant_;
     std::string effects_; ///< of variant_

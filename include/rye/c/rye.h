@@ -223,6 +223,14 @@ RYE_API rye_status rye_avatar_neutral(const rye_avatar* avatar, rye_drivers* dri
 RYE_API rye_status rye_avatar_gaze_at(rye_avatar* avatar, rye_drivers* drivers,
                                       const float point[3], float range, float* missed);
 
+/* Lets the eyes live by themselves, `seconds` (0 to 3600) after they began: turns drivers->gaze by
+ * glances and drift, and closes the lids in blinks by the coefficients whose names say so. The
+ * coefficients are written to `expression`, which drivers->expression then is; null leaves the lids
+ * as they are. An eye stops `range` rad from straight ahead, above 0 to 1.22. The same seed and
+ * seconds give the same. */
+RYE_API rye_status rye_avatar_idle(rye_avatar* avatar, rye_drivers* drivers, float* expression,
+                                   uint64_t seed, double seconds, float range);
+
 /* Draws over `background`, `channels` numbers, or over that of training if it is null. Nothing that
  * the drivers, the camera and the background leave as it was is computed again. */
 RYE_API rye_status rye_avatar_draw(rye_avatar* avatar, const rye_drivers* drivers,
