@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # build.sh [AVATAR [OUT]]: the gaze page as one folder of files, OUT (build/gaze_page), to put on any
 # host, or to open from a disk: the page, rye as WebAssembly with SIMD, the avatar file, and these once
-# more in files.js, for browsers read no other files from a disk. Without AVATAR, or with "-", the
+# more in files.js, for browsers read no other files from a disk; and OUT/npm, a package. Without AVATAR, or with "-", the
 # avatar is left out, and the page asks for a file. Needs emscripten (Debian: apt-get install
 # emscripten), Eigen and xsimd; installs nothing.
 set -eu
@@ -54,8 +54,14 @@ em++ $flags $objects -o "$out/rye.js" -sALLOW_MEMORY_GROWTH=1 -sINITIAL_MEMORY=6
 for file in index.html style.css page.js worker.js camera.js; do
     cp "$here/$file" "$out/$file"
 done
-rm -f "$out/head.avatar"
+# The same as a package for npm, whose example is npm/example.html.
+mkdir -p "$out/npm"
+version=$(sed -n 's/#define RYE_VERSION_[A-Z]* \([0-9]*\)/\1/p' "$root/include/rye/core/config.hpp" | paste -sd .)
+cp "$here"/npm/* "$here/worker.js" "$out/rye.js" "$out/rye.wasm" "$root/LICENSE" "$out/npm/"
+sed "s/\"version\": \"[^\"]*\"/\"version\": \"$version\"/" "$here/npm/package.json" > "$out/npm/package.json"
+rm -f "$out/head.avatar" "$out/npm/head.avatar"
 [ "$avatar" = - ] || cp "$avatar" "$out/head.avatar"
+[ "$avatar" = - ] || cp "$avatar" "$out/npm/head.avatar"
 {
     echo '// SPDX-License-Identifier: Apache-2.0'
     echo '// files.js: what page.js reads instead of files where it was opened from a disk, as base64.'

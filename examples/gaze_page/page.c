@@ -76,6 +76,12 @@ EMSCRIPTEN_KEEPALIVE int page_size(int width, int height) {
     return picture.rgba == NULL ? RYE_ERROR_MEMORY : RYE_OK;
 }
 
+/* Turns both eyes to a point of the world. */
+EMSCRIPTEN_KEEPALIVE int page_look(float x, float y, float z) {
+    const float point[3] = {x, y, z};
+    return rye_avatar_gaze_at(avatar, &drivers, point, 0.8f, NULL);
+}
+
 /* Draws; with `seconds` from 0 on, the eyes have lived by themselves for so long, within `range`. */
 EMSCRIPTEN_KEEPALIVE int page_draw(double seconds, float range) {
     rye_drivers moved = drivers;

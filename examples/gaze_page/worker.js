@@ -3,7 +3,8 @@
 //   {start: ArrayBuffer or null}        the first: rye.wasm, or that it is to be read from the host
 //   {open: ArrayBuffer, name}           an avatar file
 //   {draw: {gaze, expression, pose, motion, width, height}, id}   any of these; the rest stays.
-//     With `idle`, seconds, the eyes live by themselves, in this picture alone
+//     With `lookAt`, a point of the world, both eyes look there; with `idle`, seconds, they live by
+//     themselves, in this picture alone
 // Messages out: {opened: {...}}, {picture: ArrayBuffer, width, height, id, ms, work}, {error: text}.
 "use strict";
 
@@ -59,6 +60,7 @@ function draw(wanted) {
     if (wanted.expression) write(rye._page_expression(), wanted.expression);
     if (wanted.pose) write(rye._page_pose(), wanted.pose);
     if (wanted.motion) write(rye._page_motion(), wanted.motion);
+    if (wanted.lookAt) check(rye._page_look(...wanted.lookAt));
     check(rye._page_size(wanted.width, wanted.height));
     const begin = performance.now();
     check(rye._page_draw(wanted.idle ?? -1, 0.5));

@@ -254,6 +254,29 @@ async function main() {
                b.faults.length + lost.length === 0, "0");
         for (const fault of [...b.faults, ...lost]) console.log(`  ${fault}`);
 
+        // The package for npm: its example, a picture that is the page's, a damaged file.
+        await b.view(...desktop, false);
+        await b.call("Page.navigate", { url: `${url}npm/example.html` });
+        await b.until("window.head !== undefined", 60000);
+        const pack = await b.evaluate(`(async () => {
+            const canvas = document.getElementById("face"), v = head.avatar;
+            const read = () => canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+            canvas.width = v.width; canvas.height = v.height;
+            await head.drawOn(canvas, { gaze: ${JSON.stringify(gaze)}, expression: v.expression });
+            const sum = read().reduce((h, byte) => (Math.imul(h, 16777619) ^ byte) >>> 0, 2166136261);
+            const before = read();
+            await head.drawOn(canvas, { lookAt: [v.head[0] + 2 * v.radius, v.head[1], v.head[2] + 5 * v.radius] });
+            const after = read(), moved = after.some((x, i) => Math.abs(x - before[i]) > 20);
+            const { Head } = await import("./head.mjs");
+            const fault = await Head.open(new ArrayBuffer(64), { name: "x.avatar" }).then(() => "", (e) => e.message);
+
+            return { sum, moved, fault };
+        })()`).catch((fault) => ({ sum: 0, moved: false, fault: String(fault) }));
+        figure("rye-head: the page's picture, and eyes that turn", `${pack.sum === served}, ${pack.moved}`,
+               pack.sum === served && pack.moved, "true, true");
+        figure("rye-head: a damaged file is an error that names it", String(pack.fault.includes("x.avatar")),
+               pack.fault.includes("x.avatar"), "true");
+
         const disk = await fromDisk(b, page, gaze, facts.w);
         figure("opened from a disk: first picture [ms]", disk.first.toFixed(0), disk.first < 5000, "below 5000");
         figure("the same picture", String(disk.sum === served), disk.sum === served, "true");

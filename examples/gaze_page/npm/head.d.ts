@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+/** What an avatar file holds. Angles are radians; eyes: the subject's left one first. */
+export interface Avatar {
+    readonly name: string;
+    readonly gaussians: number;
+    /** Names of the coefficients of its expression, empty strings where they have none. */
+    readonly names: readonly string[];
+    /** Its first expression, and the range of each coefficient in training. */
+    readonly expression: readonly number[];
+    readonly low: readonly number[];
+    readonly high: readonly number[];
+    /** Pitch and yaw of the left, then of the right eye; up and the subject's left are +. */
+    readonly gaze: readonly number[];
+    readonly gazeLow: readonly number[];
+    readonly gazeHigh: readonly number[];
+    /** Axis-angle and translation of the head; world units per unit of the head. */
+    readonly pose: readonly number[];
+    readonly scale: number;
+    /** Centres of the eyeballs in the head; middle and radius of the head in the world. */
+    readonly eyes: readonly number[];
+    readonly head: readonly number[];
+    readonly radius: number;
+    /** Rows of camera_from_world (x right, y down, z forward), 16 numbers; fx, fy, cx, cy. */
+    readonly motion: readonly number[];
+    readonly lens: readonly number[];
+    readonly width: number;
+    readonly height: number;
+}
+
+/** What moves a head; what is left out stays as in the picture before. */
+export interface Parts {
+    gaze?: readonly number[];
+    /** A point of the world that both eyes look at, instead of `gaze`. */
+    lookAt?: readonly [number, number, number];
+    expression?: readonly number[];
+    pose?: readonly number[];
+    motion?: readonly number[];
+    /** Seconds, 0 to 3600, that the eyes have glanced and blinked by themselves; in this picture alone. */
+    idle?: number;
+    /** Pixels; without them those of the avatar's camera. */
+    width?: number;
+    height?: number;
+}
+
+export interface Drawn {
+    readonly picture: ImageData;
+    /** Time that drawing took. */
+    readonly ms: number;
+    /** Gaussians that moved, tiles and pixels that were computed. */
+    readonly work: { readonly gaussians: number; readonly tiles: number; readonly pixels: number };
+}
+
+export class Head {
+    /** Opens an avatar file by its address, or its bytes; rejects with a sentence for a damaged one. */
+    static open(
+        avatar: string | URL | ArrayBuffer | Blob,
+        options?: { worker?: string | URL; name?: string },
+    ): Promise<Head>;
+    readonly avatar: Avatar;
+    draw(parts?: Parts): Promise<Drawn>;
+    drawOn(canvas: HTMLCanvasElement, parts?: Parts): Promise<Drawn>;
+    close(): void;
+}
