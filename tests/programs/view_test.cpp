@@ -331,6 +331,17 @@ TEST_CASE("a server answers this machine's page alone") {
                        "b HTTP/1.1\r\n" + host + "Connection: close\r\nContent-Length: 4\r\n\r\nbody");
     CHECK(two.find("GET a ") != std::string::npos);
     CHECK(two.ends_with("POST b body"));
+    // A hundred connections that say nothing keep nobody out.
+    std::vector<int> silent;
+    sockaddr_in to = here;
+    to.sin_port = htons(static_cast<std::uint16_t>(port));
+    for (int i = 0; i < 100; ++i) {
+        silent.push_back(::socket(AF_INET, SOCK_STREAM, 0));
+        REQUIRE(::connect(silent.back(), reinterpret_cast<const sockaddr*>(&to), sizeof to) == 0);
+    }
+    CHECK(status(get(secret + "x", host)) == "HTTP/1.1 200 OK");
+    for (const int s : silent) ::close(s);
+    CHECK(status(get(secret + "x", host)) == "HTTP/1.1 200 OK");
     for (int i = 0; i < 50 && packets == 0; ++i) {
         ::sendto(udp, "abc", 3, 0, reinterpret_cast<const sockaddr*>(&here), sizeof here);
         std::this_thread::sleep_for(std::chrono::milliseconds(20));

@@ -23,7 +23,7 @@ using asio::ip::udp;
 using Seconds = std::chrono::seconds;
 
 constexpr std::size_t most_header = 1U << 14U, most_body = 1U << 20U;
-constexpr int most_connections = 32;
+constexpr std::size_t most_connections = 32;
 constexpr Seconds patience{30}; // for a request to arrive, and between requests
 
 /// Returns 32 hexadecimal digits that nobody guesses.
@@ -111,6 +111,8 @@ Head head_of(std::string_view text) {
 } // namespace
 
 struct LoopbackServer::Sockets {
+    struct Connection;
+    std::vector<Connection*> connections; ///< that exist; outlives the context, which ends them
     asio::io_context context{1};
     tcp::acceptor acceptor{context};
     std::unique_ptr<udp::socket> packets;
@@ -118,18 +120,19 @@ struct LoopbackServer::Sockets {
     std::function<WebAnswer(const WebRequest&)> answer;
     std::function<void(ByteSpan)> take;
     std::string secret = new_secret();
-    int port = 0, connections = 0;
+    int port = 0;
 
     /// A browser's connection, on which requests follow one another.
     struct Connection : std::enable_shared_from_this<Connection> {
         Connection(Sockets& s, tcp::socket c) : all(s), socket(std::move(c)), timer(s.context) {
-            ++all.connections;
+            all.connections.push_back(this);
         }
-        ~Connection() { --all.connections; }
+        ~Connection() { std::erase(all.connections, this); }
         Connection(const Connection&) = delete;
         Connection& operator=(const Connection&) = delete;
 
         void wait() {
+            last = std::chrono::steady_clock::now();
             timer.expires_after(patience);
             timer.async_wait([self = shared_from_this()](const asio::error_code& e) {
                 if (!e) self->close();
@@ -207,17 +210,29 @@ struct LoopbackServer::Sockets {
         Sockets& all;
         tcp::socket socket;
         asio::steady_timer timer;
+        std::chrono::steady_clock::time_point last; ///< of the last news
         std::string text, out;
         Head head;
     };
+
+    /// Closes the connection without news for the longest time if there are too many.
+    void make_room() {
+        if (connections.size() < most_connections) return;
+        const auto oldest = std::min_element(
+            connections.begin(), connections.end(),
+            [](const Connection* a, const Connection* b) { return a->last < b->last; });
+        (*oldest)->close(); // its handlers, which are called soon, let it go
+    }
 
     void accept() {
         acceptor.async_accept([this](const asio::error_code& e, tcp::socket socket) {
             if (e == asio::error::operation_aborted) return;
             asio::error_code ignored;
             if (!e) socket.set_option(tcp::no_delay(true), ignored);
-            if (!e && connections < most_connections)
+            if (!e) {
+                make_room();
                 std::make_shared<Connection>(*this, std::move(socket))->read();
+            }
             accept();
         });
     }
