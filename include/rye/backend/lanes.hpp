@@ -69,6 +69,18 @@ struct LanesLike<xsimd::batch<T, A>, U> {
     using type = xsimd::batch<U, A>;
 };
 
+/// Batch of eight numbers; V itself if it has that many lanes or divides eight. V where there is none.
+template <class V>
+struct EightLanes {
+    using type = V;
+};
+template <class T, class A>
+    requires(xsimd::batch<T, A>::size > 8 &&
+             !std::is_void_v<typename xsimd::make_sized_batch<T, 8>::type>)
+struct EightLanes<xsimd::batch<T, A>> {
+    using type = typename xsimd::make_sized_batch<T, 8>::type;
+};
+
 namespace detail {
 
 /// True if a mask is a register with all bits of a true lane set: x86 before AVX-512, and wasm.

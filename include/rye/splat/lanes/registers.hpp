@@ -101,12 +101,45 @@ typename V::value_type lane_sum(const V& x) {
         return hadd(x);
 }
 
+/// True if a batch is one register of sixteen floats.
+template <class V>
+concept SixteenFloats =
+    std::is_same_v<typename V::value_type, float> && V::size == 16 &&
+    requires { typename V::register_type; } && sizeof(typename V::register_type) == 64;
+
+/// Returns a batch whose lanes 4 i + k, summed over i, are the sums of the lanes of x[k].
+template <SixteenFloats V>
+[[gnu::always_inline]] inline auto folded_four(const V* x) {
+    using R = typename V::register_type;
+    const auto pair = [](R a, R b) { // a b a b of each four lanes
+        return R(__builtin_shufflevector(a, b, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13,
+                                         29)) +
+               R(__builtin_shufflevector(a, b, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30,
+                                         15, 31));
+    };
+    const R p = pair(R(x[0]), R(x[1])), q = pair(R(x[2]), R(x[3]));
+    return R(__builtin_shufflevector(p, q, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28,
+                                     29)) +
+           R(__builtin_shufflevector(p, q, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30,
+                                     31));
+}
+
 /// Writes the sums of eight batches' lanes to the eight numbers at `to`.
 template <class V>
 [[gnu::always_inline]] inline void lane_sums(const std::array<V, 8>& x,
                                              typename V::value_type* to) {
     constexpr std::size_t lanes = V::size;
-    if constexpr (8 % lanes == 0)
+    if constexpr (SixteenFloats<V>) {
+        using R = typename V::register_type;
+        const R p = folded_four(x.data()), q = folded_four(x.data() + 4);
+        const R both = R(__builtin_shufflevector(p, q, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20,
+                                                 21, 22, 23)) +
+                       R(__builtin_shufflevector(p, q, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27,
+                                                 28, 29, 30, 31));
+        const auto sums = __builtin_shufflevector(both, both, 0, 1, 2, 3, 8, 9, 10, 11) +
+                          __builtin_shufflevector(both, both, 4, 5, 6, 7, 12, 13, 14, 15);
+        std::memcpy(to, &sums, sizeof sums);
+    } else if constexpr (8 % lanes == 0)
         for (std::size_t i = 0; i < 8; i += lanes) haddp(x.data() + i).store_unaligned(to + i);
     else
         for (std::size_t i = 0; i < 8; ++i) to[i] = lane_sum(x[i]);

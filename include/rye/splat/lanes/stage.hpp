@@ -144,10 +144,11 @@ void project_range_lanes(const SplatInput<A, typename V::value_type, NoDistortio
 }
 
 /// As merge_slots, for the 8 leading numbers and, in whole eights, the features.
-template <class V>
+template <class Lanes>
 void merge_slots_lanes(const TileLists& lists,
-                       const PartialGradients<typename V::value_type>& slots, Index member,
-                       typename V::value_type* sum) {
+                       const PartialGradients<typename Lanes::value_type>& slots, Index member,
+                       typename Lanes::value_type* sum) {
+    using V = typename EightLanes<Lanes>::type;
     using T = typename V::value_type;
     constexpr Index lanes = static_cast<Index>(V::size);
     if constexpr (8 % lanes != 0) {
