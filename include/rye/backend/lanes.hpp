@@ -69,7 +69,7 @@ struct LanesLike<xsimd::batch<T, A>, U> {
     using type = xsimd::batch<U, A>;
 };
 
-/// Batch of eight numbers; V itself if it has that many lanes or divides eight, or where there is none.
+/// Batch of eight numbers; V itself if it has no more lanes than that, or where there is none.
 template <class V>
 struct EightLanes {
     using type = V;
