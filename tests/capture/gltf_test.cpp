@@ -102,6 +102,13 @@ TEST_CASE("gltf: a Gaussian as written down, in the axes of a PLY") {
     CHECK(c.sh_constant(1, 0) == doctest::Approx(0.2));
 }
 
+TEST_CASE("gltf: a quaternion of another length is normalised") {
+    Written w;
+    w.numbers[3] = 3;
+    w.numbers[6] = 4;
+    CHECK(largest(w.read().rotation - Quat<double>(0.8, 0.6, 0, 0)) <= 1e-12);
+}
+
 TEST_CASE("gltf: transforms of nodes move, turn and scale, parents before children") {
     Written w;
     // Scaled by 2, then a quarter turn about z (x to y), then moved.

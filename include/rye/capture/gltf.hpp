@@ -261,8 +261,8 @@ GaussianCloud<T> gltf_cloud(GltfFile& file, const GltfPrimitive& p, bool quantiz
     const Columns<T> opacity = read(stem + "OPACITY", 1, {real, {5121, true}, {5123, true}});
     for (Index i = 0; i < cloud.count(); ++i) {
         const Quat<T> q(turn(3, i), turn(0, i), turn(1, i), turn(2, i));
-        if (!(q.norm() > T(0.5) && q.norm() < T(2)))
-            fault("ROTATION", i, q.norm(), "a quaternion of length 1");
+        // Of length 1 in the text; there are writers that keep a PLY's, of any length.
+        if (!(q.norm() > T(0))) fault("ROTATION", i, q.norm(), "a quaternion of length 1");
         cloud.rotation.col(i) = quat_normalized<T>(q);
         if (!(opacity(0, i) >= T(0) && opacity(0, i) <= T(1)))
             fault("OPACITY", i, opacity(0, i), "0 to 1");
