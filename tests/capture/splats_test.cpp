@@ -410,7 +410,7 @@ TEST_CASE("splats: what is known but not read is named, with the command that co
          "a compressed PLY (PlayCanvas)" + command);
     told("a.spz", std::string_view("NGSP\x04\0\0\0", 8),
          "SPZ version 4, but this program was built without zstd; convert it with: npx "
-         "@playcanvas/splat-transform ");
+         "@playcanvas/splat-transform@2.7.1 ");
     told("a.sog", "PK\x03\x04", "SOG (PlayCanvas)" + command);
     told("meta.json", "{}", "SOG (PlayCanvas)" + command);
     told("a.ksplat", std::string_view("\0\1\0\0", 4), "KSPLAT (GaussianSplats3D)" + command);

@@ -95,8 +95,9 @@ inline std::string splat_advice(SplatKind kind, const std::string& path) {
             name = "a compressed PLY (PlayCanvas)";
             break;
         case SplatKind::spz4:
+            // Its version 3.7 leaves the axes of an SPZ in a PLY.
             return "SPZ version 4, but this program was built without zstd; convert it with: npx "
-                   "@playcanvas/splat-transform " +
+                   "@playcanvas/splat-transform@2.7.1 " +
                    path + " converted.ply";
         case SplatKind::sog:
             name = "SOG (PlayCanvas)";
