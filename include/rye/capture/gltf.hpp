@@ -8,6 +8,7 @@
 /// July 2026, a release candidate.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <optional>
@@ -243,18 +244,19 @@ GaussianCloud<T> gltf_cloud(GltfFile& file, const GltfPrimitive& p, bool quantiz
                     ", expected " + expected);
     };
     const std::string stem = std::string(gltf_splats) + ":";
-    GaussianCloud<T> cloud(static_cast<Index>(p.count), p.degree);
-    cloud.mean = quantized ? read("POSITION", 3,
-                                  {real,
-                                   {5120, false},
-                                   {5120, true},
-                                   {5121, false},
-                                   {5121, true},
-                                   {5122, false},
-                                   {5122, true},
-                                   {5123, false},
-                                   {5123, true}})
-                           : read("POSITION", 3, {real});
+    const Columns<T> mean = quantized ? read("POSITION", 3,
+                                             {real,
+                                              {5120, false},
+                                              {5120, true},
+                                              {5121, false},
+                                              {5121, true},
+                                              {5122, false},
+                                              {5122, true},
+                                              {5123, false},
+                                              {5123, true}})
+                                      : read("POSITION", 3, {real});
+    GaussianCloud<T> cloud(mean.cols(), p.degree); // so many are in the file
+    cloud.mean = mean;
     const Columns<T> turn = read(stem + "ROTATION", 4, {real, {5120, true}, {5122, true}});
     const Columns<T> scale =
         read(stem + "SCALE", 3, {real, {5121, false}, {5121, true}, {5123, false}, {5123, true}});
@@ -262,7 +264,8 @@ GaussianCloud<T> gltf_cloud(GltfFile& file, const GltfPrimitive& p, bool quantiz
     for (Index i = 0; i < cloud.count(); ++i) {
         const Quat<T> q(turn(3, i), turn(0, i), turn(1, i), turn(2, i));
         // Of length 1 in the text; there are writers that keep a PLY's, of any length.
-        if (!(q.norm() > T(0))) fault("ROTATION", i, q.norm(), "a quaternion of length 1");
+        if (!(q.norm() > T(0)) || !std::isfinite(q.norm()))
+            fault("ROTATION", i, q.norm(), "a quaternion of length 1");
         cloud.rotation.col(i) = quat_normalized<T>(q);
         if (!(opacity(0, i) >= T(0) && opacity(0, i) <= T(1)))
             fault("OPACITY", i, opacity(0, i), "0 to 1");
@@ -349,9 +352,7 @@ GaussianCloud<T> parse_gltf(ByteSpan bytes, const std::string& who,
         at += n;
     }
     detail::flip_axes(all);
-    for (Index i = 0; i < all.count(); ++i)
-        require(all.mean.col(i).allFinite(), who, "the mean of Gaussian ", i,
-                " is beyond the range of its type after its node's transform");
+    detail::check_storable(all, who); // after transforms, too
     return all;
 }
 

@@ -5,6 +5,10 @@
 /// Source: glTF 2.0 specification (Khronos, 2021), 3.6 and 4.4; RFC 4648 (base64).
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
 #include <functional>
 #include <initializer_list>
 #include <map>

@@ -12,6 +12,7 @@
 
 #include <span>
 #include <string>
+#include <vector>
 
 #include <rye/capture/splat_quantize.hpp>
 #include <rye/core/format.hpp>
