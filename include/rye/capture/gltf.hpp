@@ -118,8 +118,10 @@ inline std::optional<std::uint64_t> gltf_attribute(const GltfFile& file, const G
 
 /// Returns the name of a coefficient's attribute.
 inline std::string gltf_harmonic(int degree, int order) {
-    return std::string(gltf_splats) + ":SH_DEGREE_" + std::to_string(degree) + "_COEF_" +
-           std::to_string(order);
+    std::string name = "KHR_gaussian_splatting:SH_DEGREE_";
+    name += std::to_string(degree);
+    name += "_COEF_";
+    return name += std::to_string(order);
 }
 
 /// Throws an Error for a kernel, a colour space or a projection that is not the one that clouds
@@ -243,7 +245,7 @@ GaussianCloud<T> gltf_cloud(GltfFile& file, const GltfPrimitive& p, bool quantiz
                     " of Gaussian " + std::to_string(i) + " is " + number_text(value) +
                     ", expected " + expected);
     };
-    const std::string stem = std::string(gltf_splats) + ":";
+    const std::string stem = "KHR_gaussian_splatting:";
     const Columns<T> mean = quantized ? read("POSITION", 3,
                                              {real,
                                               {5120, false},
