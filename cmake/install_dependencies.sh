@@ -23,6 +23,7 @@ missing() {
     has_header jpeglib.h || echo libjpeg-dev
     has_header png.h || echo libpng-dev
     has_header zlib.h || echo zlib1g-dev
+    has_header zstd.h || echo libzstd-dev
     has_header hdf5/serial/hdf5.h || has_header hdf5.h || echo libhdf5-dev
     has_header asio.hpp || echo libasio-dev
     has_header doctest/doctest.h || echo doctest-dev

@@ -18,7 +18,8 @@ command -v "${gxx:-none}" > /dev/null || missing "no $cross-g++ (Debian package 
 command -v qemu-aarch64 > /dev/null || missing "no qemu-aarch64 (Debian package qemu-user)"
 # shellcheck source=/dev/null
 suite=$(. /etc/os-release && echo "${VERSION_CODENAME:-stable}")
-libraries="libxsimd-dev libeigen3-dev libcli11-dev nlohmann-json3-dev libasio-dev libjpeg62-turbo-dev libpng-dev zlib1g-dev"
+libraries="libxsimd-dev libeigen3-dev libcli11-dev nlohmann-json3-dev libasio-dev libjpeg62-turbo-dev libpng-dev zlib1g-dev
+libzstd-dev"
 # shellcheck disable=SC2086 # a list
 unpack "$suite" arm64 "$work/sysroot" $libraries || missing "no Debian mirror that has arm64's packages could be read"
 

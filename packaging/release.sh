@@ -66,7 +66,7 @@ static_program() { # LEVEL: $work/LEVEL/rye, once
 mkdir "$work/licences"
 cp "$source/LICENSE" "$work/licences/rye"
 for package in libeigen3-dev libxsimd-dev libcli11-dev nlohmann-json3-dev libasio-dev libjpeg62-turbo-dev libpng-dev \
-    zlib1g-dev libc6-dev libgcc-12-dev libgcc-14-dev; do
+    zlib1g-dev libzstd-dev libc6-dev libgcc-12-dev libgcc-14-dev; do
     [ -f "/usr/share/doc/$package/copyright" ] || continue
     cp "/usr/share/doc/$package/copyright" "$work/licences/$package"
 done

@@ -53,6 +53,8 @@
 #include <rye/capture/capture_frame.hpp>
 #include <rye/capture/eye_sizes.hpp>
 #include <rye/capture/glb.hpp>
+#include <rye/capture/gltf.hpp>
+#include <rye/capture/gltf_file.hpp>
 #include <rye/capture/gzip.hpp>
 #include <rye/capture/image8.hpp>
 #include <rye/capture/inflate.hpp>
@@ -68,6 +70,10 @@
 #include <rye/capture/splat_quantize.hpp>
 #include <rye/capture/splats.hpp>
 #include <rye/capture/spz.hpp>
+#include <rye/capture/spz4.hpp>
+#include <rye/capture/spz_arrays.hpp>
+#include <rye/capture/usda.hpp>
+#include <rye/capture/zstd.hpp>
 #include <rye/core/columns.hpp>
 #include <rye/core/concepts.hpp>
 #include <rye/core/config.hpp>
@@ -83,6 +89,7 @@
 #include <rye/gaussian/antialias.hpp>
 #include <rye/gaussian/cloud.hpp>
 #include <rye/gaussian/gaussians.hpp>
+#include <rye/gaussian/move_cloud.hpp>
 #include <rye/gaussian/ply.hpp>
 #include <rye/gaussian/ply_header.hpp>
 #include <rye/gaussian/project.hpp>

@@ -84,7 +84,24 @@ void splats() {
         seed("splats", "splat" + name, splat_bytes(cloud));
         seed("splats", "spz" + name, spz);
         seed("splats", "data" + name, gunzip(spz, name));
+        seed("splats", "four" + name, spz4_bytes(cloud));
+        seed("gltf", "glb" + name, glb_bytes(cloud));
     }
+    seed("gltf", "text",
+         R"({"asset":{"version":"2.0"},"scenes":[{"nodes":[0]}],"nodes":[{"children":[1],"scale":[2,2,2]},)"
+         R"({"mesh":0,"rotation":[0,0,0.6,0.8],"translation":[1,2,3]}],"meshes":[{"primitives":[{"mode":0,)"
+         R"("attributes":{"POSITION":0,"KHR_gaussian_splatting:ROTATION":1,"KHR_gaussian_splatting:SCALE":2,)"
+         R"("KHR_gaussian_splatting:OPACITY":3,"KHR_gaussian_splatting:SH_DEGREE_0_COEF_0":0},"extensions":{)"
+         R"("KHR_gaussian_splatting":{"kernel":"ellipse","colorSpace":"srgb_rec709_display"}}}]}],"accessors":[)"
+         R"({"bufferView":0,"componentType":5126,"count":1,"type":"VEC3"},)"
+         R"({"bufferView":1,"componentType":5120,"normalized":true,"count":1,"type":"VEC4"},)"
+         R"({"bufferView":0,"byteOffset":4,"componentType":5121,"count":1,"type":"VEC3"},)"
+         R"({"bufferView":0,"componentType":5123,"normalized":true,"count":1,"type":"SCALAR"}],"bufferViews":[)"
+         R"({"buffer":0,"byteLength":12,"byteStride":12},{"buffer":1,"byteLength":4}],"buffers":[{"byteLength":12,)"
+         R"("uri":"a.bin"},{"byteLength":4,"uri":"data:;base64,AAAAfw=="}]})");
+    dictionary("gltf", {"\"matrix\":[", "\"sparse\":{}", "\"extensionsRequired\":[", "5120", "5121", "5122",
+                        "5123", "5126", "KHR_mesh_quantization", "SH_DEGREE_1_COEF_0", "\"children\":[",
+                        "1e300", "\"byteStride\":", "%20", "\"normalized\":true"});
     dictionary("splats", {"NGSP", {'\x1F', '\x8B', '\x08', '\0'}, {'\3', '\0', '\0', '\0'}});
 }
 

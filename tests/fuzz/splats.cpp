@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/fuzz/splats.cpp: any bytes as a .splat file, as an SPZ file, and as the data inside one,
-/// which a search would not find behind gzip's checksum.
+/// tests/fuzz/splats.cpp: any bytes as a .splat file, as an SPZ file of each version, and as the data
+/// inside one, which a search would not find behind gzip's checksum.
 #include "fuzz.hpp"
 
 #include <rye/capture/splats.hpp>
@@ -27,7 +27,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
                      "a Gaussian for each record");
         demand_finite(cloud);
     });
-    fuzz::attempt([&] { demand_finite(parse_spz<float>(bytes, fuzz::name)); });
+    // Four bytes of zstd hold 131072.
+    constexpr std::uint64_t memory = 8U << 20U;
+    fuzz::attempt([&] {
+        demand_finite(is_spz4(bytes) ? parse_spz4<float>(bytes, fuzz::name, memory)
+                                     : parse_spz<float>(bytes, fuzz::name));
+    });
     fuzz::attempt([&] { demand_finite(parse_spz<float>(gzip_bytes(bytes), fuzz::name)); });
     fuzz::demand(splat_kind(fuzz::name, bytes) != SplatKind::splat, "its name has no extension");
     return 0;

@@ -25,6 +25,7 @@
 #include "data/json.hpp"
 #include "data/run_frames.hpp"
 #include "data/validate.hpp"
+#include "data/zstd.hpp"
 #include "importers/import_folder.hpp"
 #include "tiny_capture.hpp"
 #include "tiny_run.hpp"
@@ -213,7 +214,7 @@ class Files {
             cloud);
         const auto read = [](const fs::path& file) {
             std::ostringstream text;
-            write_ply(text, read_splats<float>(file));
+            write_ply(text, read_splats<float>(file, default_memory, zstd_decompressor()));
             return text.str();
         };
         const auto write = [&](const char* name, SplatFileOptions options) {
@@ -223,6 +224,10 @@ class Files {
         };
         write("a.ply", {SplatKind::ply, {}, stored_deflate});
         write("a.spz", {SplatKind::spz, {}, zlib_deflate});
+        if (zstd_decompressor()) {
+            write("a4.spz", {SplatKind::spz4, {}, zlib_deflate, zstd_compressor()});
+            subjects_.back().may_be_silent = true; // its header; the arrays have checksums
+        }
         write("a.splat", {SplatKind::splat, {}, stored_deflate});
         subjects_.back().may_be_silent = true;
     }

@@ -135,18 +135,32 @@ grep -q '"centre_corrections": true' corrected/config.json || fail "config.json 
 "$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --up 0,-1,0 --fov 18 --size 64x64 \
     --max-error 1/255 --out chosen.png | grep -q "^accuracy" || fail "no word of the chosen accuracy"
 # The formats of viewers: written by the name's extension, two of them read back.
-for kind in splat spz glb; do
+for kind in splat spz glb usda; do
     "$rye" export --run one --out head.$kind > export_$kind.txt
 done
+"$rye" export --run one --spz-version 4 --out head4.spz > export_spz4.txt
 grep -q "^rounded: position by at most" export_spz.txt || fail "no word of an SPZ's rounding"
-for kind in splat spz; do
+for kind in splat spz glb; do
     "$rye" render head.$kind --eye 0,0,-10 --target 0,0,0 --fov 18 --size 64x64 --out $kind.png
 done
+# Version 4 holds the same numbers; a program without libzstd names the one that converts it.
+if "$rye" render head4.spz --eye 0,0,-10 --target 0,0,0 --fov 18 --size 64x64 --out spz4.png 2> spz4.txt; then
+    cmp spz.png spz4.png || fail "SPZ 4 is drawn otherwise than SPZ 3"
+    grep -q "^rounded: position by at most" export_spz4.txt || fail "no word of an SPZ 4's rounding"
+else
+    grep -q "built without zstd; convert it with" spz4.txt || fail "SPZ 4 is refused without its reason"
+fi
+"$rye" export --run one --gaze-sweep 10,3 --out sweep.usda
+grep -q "positions.timeSamples = {" sweep.usda || fail "no samples of a sweep of the gaze"
+grep -q "endTimeCode = 2" sweep.usda || fail "a sweep of three gazes has no third time code"
 "$rye" info --effects head.spz | grep -q "^scene" || fail "rye info reads no SPZ"
-refuses "ends in .ply, .splat, .spz, .glb or .avatar" "$rye" export --run one --out head.txt
+refuses "ends in .ply, .splat, .spz, .glb, .usda or .avatar" "$rye" export --run one --out head.txt
 refuses "axes of its own" "$rye" export --run one --axes world --out never.spz
 refuses "has no harmonics" "$rye" export --run one --sh 3 --out never.splat
-refuses "glTF, which is not read" "$rye" render head.glb --eye 0,0,-10 --target 0,0,0 --out never.png
+refuses "OpenUSD, which is not read" "$rye" render head.usda --eye 0,0,-10 --target 0,0,0 --out never.png
+refuses "is no .spz" "$rye" export --run one --spz-version 4 --out never.ply
+refuses "holds one moment" "$rye" export --run one --gaze-sweep 10,3 --out never.ply
+refuses "expected RADIUS,FRAMES" "$rye" export --run one --gaze-sweep 10,2.5 --out never.usda
 # Through the camera of a photograph, whose lens bends or does not.
 lens() {
     cat << EOF

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye export`: the Gaussians of a trained head as a file for splat viewers: PLY, .splat, SPZ or
-/// GLB, by the name's extension. These formats have no upsampler: colours are those of the
+/// `rye export`: the Gaussians of a trained head as a file for splat viewers: PLY, .splat, SPZ, GLB
+/// or USDA, by the name's extension. These formats have no upsampler: colours are those of the
 /// low-resolution render.
 #include <algorithm>
 #include <array>
@@ -20,8 +20,11 @@
 #include "commands/export_avatar.hpp"
 #include "commands/options.hpp"
 #include "data/deflate.hpp"
+#include "data/degrees.hpp"
+#include "data/memory_limit.hpp"
 #include "data/out_format.hpp"
 #include "data/threads.hpp"
+#include "data/zstd.hpp"
 #include "training/steps.hpp"
 
 namespace rye::trainer {
@@ -32,8 +35,10 @@ struct ExportOptions {
     AvatarExportOptions avatar;
     std::string frame, stream = "both", axes = "ply";
     std::vector<double> left, right;  ///< pitch, yaw [deg]
+    std::vector<double> sweep;        ///< radius [deg], time codes; empty: none
     bool canonical = false;
     int sh = 0;
+    int spz_version = 3;
     int threads = 0;
 };
 
@@ -63,7 +68,8 @@ GaussianCloud<float> cloud_of(const Gaussians<float>& g, bool flip, int degree) 
 }
 
 /// Returns the options. Throws an Error for a combination of --out and --axes that would be upside
-/// down: SPZ and GLB state their axes, unlike PLY and .splat. A pipe or device gets a PLY.
+/// down: SPZ, GLB and USDA state their axes, unlike PLY and .splat; and for an option of another
+/// format. A pipe or device gets a PLY.
 SplatFileOptions file_options(const ExportOptions& o) {
     SplatFileOptions options;
     std::error_code none;
@@ -75,6 +81,12 @@ SplatFileOptions file_options(const ExportOptions& o) {
             " has axes of its own (y up, z toward the viewer), expected a .ply or .splat");
     require(o.sh == 0 || options.kind != SplatKind::splat, "rye export", "--sh ", o.sh,
             ": a .splat has no harmonics, expected 0");
+    require(o.spz_version == 3 || options.kind == SplatKind::spz, "rye export", "--spz-version ",
+            o.spz_version, ": ", o.out.string(), " is no .spz");
+    require(o.sweep.empty() || options.kind == SplatKind::usda, "rye export", "--gaze-sweep: ",
+            o.out.string(), " holds one moment, expected a .usda");
+    if (o.spz_version == 4) options.kind = SplatKind::spz4;
+    options.zstd = zstd_compressor();
     options.ply.degree = o.sh;
     options.ply.comment = o.axes == "ply" ? "Vertical axis: y" : "axes: y up, z toward the viewer";
     options.deflate = zlib_deflate;
@@ -83,10 +95,13 @@ SplatFileOptions file_options(const ExportOptions& o) {
 
 /// Returns the largest differences by the file's rounding; empty for formats that store floats.
 std::string rounding(const GaussianCloud<float>& cloud, const Bytes& bytes, SplatKind kind) {
-    if (kind != SplatKind::splat && kind != SplatKind::spz) return "";
+    const bool spz = kind == SplatKind::spz || kind == SplatKind::spz4;
+    if (kind != SplatKind::splat && !spz) return "";
     const std::string who = "rye export";
+    const ZstdDecompress zstd = zstd_decompressor();
     const GaussianCloud<float> read =
-        kind == SplatKind::splat ? parse_splat<float>(bytes, who) : parse_spz<float>(bytes, who);
+        spz ? parse_spz<float>(bytes, who, memory_limit(), zstd ? zstd : read_stored_zstd)
+            : parse_splat<float>(bytes, who);
     const auto worst = [](const Columns<float>& a, const Columns<float>& b) {
         return a.size() == 0 ? 0.0 : static_cast<double>((a - b).cwiseAbs().maxCoeff());
     };
@@ -106,6 +121,30 @@ std::string rounding(const GaussianCloud<float>& cloud, const Bytes& bytes, Spla
     return text.data();
 }
 
+/// Returns drivers of each time code: both eyes on a circle about their gazes, from the subject's
+/// left over up and right; those given where no sweep is asked for.
+std::vector<Drivers<float>> swept(const Drivers<float>& drivers, const std::vector<double>& sweep) {
+    if (sweep.empty()) return {drivers};
+    constexpr double widest = 45, most = 1000;
+    require(sweep.size() == 2 && sweep[0] > 0 && sweep[0] <= widest && sweep[1] >= 2 &&
+                sweep[1] <= most && sweep[1] == std::floor(sweep[1]),
+            "--gaze-sweep", "expected RADIUS,FRAMES: degrees above 0 to ", widest,
+            ", and a whole number of 2 to ", most);
+    std::vector<Drivers<float>> all;
+    for (double k = 0; k < sweep[1]; ++k) {
+        const double angle = 360 * degree * k / sweep[1];
+        all.push_back(drivers);
+        for (std::size_t eye = 0; eye < 2; ++eye) {
+            const Vec2<double> from = pitch_yaw(Vec3<double>(drivers.gaze[eye].cast<double>()));
+            all.back().gaze[eye] =
+                gaze_vector(from[0] + sweep[0] * degree * std::sin(angle),
+                            from[1] + sweep[0] * degree * std::cos(angle))
+                    .cast<float>();
+        }
+    }
+    return all;
+}
+
 void export_splats(const ExportOptions& o) {
     set_threads(o.threads);
     if (extension_of(o.out) == ".avatar")
@@ -123,15 +162,27 @@ void export_splats(const ExportOptions& o) {
     }
     if (!o.left.empty()) drivers.gaze[0] = gaze_option(o.left, "--gaze-left");
     if (!o.right.empty()) drivers.gaze[1] = gaze_option(o.right, "--gaze-right");
-    Gaussians<float> g = driven_gaussians(state, drivers);
     const Index face = state.avatar.face.position.cols();
-    if (o.stream == "face") g = copy_of(view_of(g).columns(0, face));
-    if (o.stream == "eyes") g = copy_of(view_of(g).columns(face, g.count() - face));
-    const GaussianCloud<float> cloud = cloud_of(g, o.axes == "ply", o.sh);
-    const Bytes bytes = splat_file_bytes(cloud, options);
-    write_atomic(o.out, bytes);
-    std::cout << o.out.string() << ": " << g.count() << " Gaussians, " << bytes.size() << " bytes\n"
-              << rounding(cloud, bytes, options.kind);
+    std::vector<GaussianCloud<float>> frames;
+    const std::vector<Drivers<float>> sweep = swept(drivers, o.sweep);
+    for (const Drivers<float>& moment : sweep) {
+        Gaussians<float> g = driven_gaussians(state, moment);
+        if (o.stream == "face") g = copy_of(view_of(g).columns(0, face));
+        if (o.stream == "eyes") g = copy_of(view_of(g).columns(face, g.count() - face));
+        // A number takes up to 12 bytes of text, twice while the text grows.
+        require_memory(saturated_product(static_cast<std::uint64_t>(g.count()), 24 * 14 * sweep.size()),
+                       memory_limit(), o.out.string(), std::to_string(sweep.size()) + " frames");
+        frames.push_back(cloud_of(g, o.axes == "ply", o.sh));
+    }
+    const GaussianCloud<float>& cloud = frames.front();
+    const std::string text =
+        options.kind == SplatKind::usda
+            ? usda_text(std::span<const GaussianCloud<float>>(frames)) : std::string();
+    const Bytes bytes = text.empty() ? splat_file_bytes(cloud, options) : Bytes();
+    const ByteSpan content = text.empty() ? ByteSpan(bytes) : as_bytes(text);
+    write_atomic(o.out, content);
+    std::cout << o.out.string() << ": " << cloud.count() << " Gaussians, " << content.size()
+              << " bytes\n" << rounding(cloud, bytes, options.kind);
 }
 
 } // namespace
@@ -149,6 +200,10 @@ void add_export(CLI::App& app) {
     c->add_flag("--canonical", o->canonical, "Neutral expression, no head pose, eyes ahead, instead");
     c->add_option("--gaze-left", o->left, "Subject's left eye: PITCH,YAW in degrees")->delimiter(',');
     c->add_option("--gaze-right", o->right, "Subject's right eye: PITCH,YAW in degrees")->delimiter(',');
+    c->add_option("--gaze-sweep", o->sweep,
+                  "NAME.usda: RADIUS,FRAMES: both eyes once round a circle of RADIUS degrees about "
+                  "their gazes, in FRAMES time codes")
+        ->delimiter(',');
     c->add_option("--stream", o->stream, "Which Gaussians")
         ->check(CLI::IsMember({"both", "face", "eyes"}))
         ->capture_default_str();
@@ -158,12 +213,15 @@ void add_export(CLI::App& app) {
     c->add_option("--sh", o->sh, "Degree of harmonics to pad with zeros, for readers that want 3")
         ->check(from_to(0, 3))
         ->capture_default_str();
+    c->add_option("--spz-version", o->spz_version, "NAME.spz: 3, or 4, which fewer viewers read")
+        ->check(CLI::IsMember({3, 4}))
+        ->capture_default_str();
     c->add_option("--camera", o->avatar.camera,
                   "NAME.avatar: its default camera (default: the most frontal)");
     c->add_flag("--full-precision", o->avatar.full_precision,
                 "NAME.avatar: 32 bits a number instead of 16 where that costs nothing visible");
     c->add_option("--out,--ply", o->out,
-                  "File to write: .ply, .splat, .spz, .glb, or .avatar, the whole avatar")
+                  "File to write: .ply, .splat, .spz, .glb, .usda, or .avatar, the whole avatar")
         ->required();
     add_memory(*c);
     add_threads(*c, o->threads);

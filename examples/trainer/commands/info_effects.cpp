@@ -15,6 +15,7 @@
 #include "data/json_fields.hpp"
 #include "data/memory_limit.hpp"
 #include "data/photographs.hpp"
+#include "data/zstd.hpp"
 #include "training/dispatch.hpp"
 #include "training/scene_profile.hpp"
 #include "training/steps.hpp"
@@ -119,7 +120,7 @@ Pinhole<float> view_of(const GaussianCloud<float>& cloud) {
 }
 
 Explanation explain_splats(const EffectsOptions& o, const ProfileBounds& bounds) {
-    const GaussianCloud<float> cloud = read_splats<float>(o.scene, memory_limit());
+    const GaussianCloud<float> cloud = read_splats<float>(o.scene, memory_limit(), zstd_decompressor());
     const Pinhole<float> camera = view_of(cloud);
     SceneFacts facts;
     add_sh(cloud, facts);

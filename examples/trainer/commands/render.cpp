@@ -25,6 +25,7 @@
 #include "data/memory_limit.hpp"
 #include "data/picture.hpp"
 #include "data/threads.hpp"
+#include "data/zstd.hpp"
 #include "training/drawing.hpp"
 
 namespace rye::trainer {
@@ -186,7 +187,7 @@ void render(const RenderOptions& o) {
             ", but a splat file has no eyes that turn, expected the folder of a run");
     Photograph view = view_of(o);
     view.camera.near_depth = o.near_depth;
-    const GaussianCloud<float> cloud = read_splats<float>(o.ply, memory_limit());
+    const GaussianCloud<float> cloud = read_splats<float>(o.ply, memory_limit(), zstd_decompressor());
 
     const auto begin = std::chrono::steady_clock::now();
     const Image<float> image = view.bent()
@@ -209,7 +210,7 @@ void add_render(CLI::App& app) {
         return c->add_option(name, v, help)->delimiter(',')->expected(3)->check(finite);
     };
     c->add_option("splats", o->ply,
-                  "Splat file: PLY in the standard form, .splat or SPZ; or the folder of a run, "
+                  "Splat file: PLY in the standard form, .splat, SPZ or glTF; or the folder of a run, "
                   "whose head is drawn at its first test frame")
         ->required()
         ->check(CLI::ExistingPath);

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/capture/glb.hpp: Gaussians as a binary glTF 2.0 file with KHR_gaussian_splatting: points
 /// with POSITION, rotation (x, y, z, w), scale (a standard deviation), opacity (0..1) and a VEC3 of
-/// red, green, blue for each harmonic, all floats, so nothing is rounded. Axes of glTF: x right, y
-/// up, z toward the viewer; clouds have those of a PLY, and are rotated by half a turn about x.
-/// There is no reader: glTF files in general are beyond this toolkit.
-/// Source: glTF 2.0 specification, 4.4; KHR_gaussian_splatting, release candidate of 2026.
+/// red, green, blue for each harmonic, all floats, so nothing is rounded; and COLOR_0, for programs
+/// that draw points only: the colour of band 0 in linear light, and the opacity, 16 bits each. Axes
+/// of glTF: x right, y up, z toward the viewer; clouds have those of a PLY, and are rotated by half
+/// a turn about x. gltf.hpp reads it.
+/// Source: glTF 2.0 specification, 4.4; KHR_gaussian_splatting, its text of July 2026, a release
+/// candidate.
 #pragma once
 
 #include <cmath>
@@ -13,6 +15,7 @@
 #include <rye/capture/bytes.hpp>
 #include <rye/capture/splat_quantize.hpp>
 #include <rye/core/format.hpp>
+#include <rye/math/srgb.hpp>
 
 namespace rye {
 
@@ -24,15 +27,18 @@ struct GlbArrays {
     std::string attributes, accessors, views;
     int count = 0;
 
-    /// Adds N columns of 1, 3 or 4 floats; `bounds` is empty or ,"min":[..],"max":[..].
-    void add(const std::string& name, const Columns<float>& a, const std::string& bounds = "") {
+    /// Adds N columns of 1, 3 or 4 floats, or 16-bit shares of 1; `bounds` is empty or
+    /// ,"min":[..],"max":[..].
+    template <class N>
+    void add(const std::string& name, const Columns<N>& a, const std::string& bounds = "") {
         const std::string comma = count == 0 ? "" : ",", index = std::to_string(count);
         const char* const kind = a.rows() == 1 ? "SCALAR" : a.rows() == 3 ? "VEC3" : "VEC4";
-        const std::size_t bytes = sizeof(float) * static_cast<std::size_t>(a.size());
+        const char* const number = std::is_same_v<N, float> ? "5126" : "5123,\"normalized\":true";
+        const std::size_t bytes = sizeof(N) * static_cast<std::size_t>(a.size());
         attributes += comma + "\"" + name + "\":" + index;
-        accessors += comma + "{\"bufferView\":" + index +
-                     ",\"componentType\":5126,\"count\":" + std::to_string(a.cols()) +
-                     ",\"type\":\"" + kind + "\"" + bounds + "}";
+        accessors += comma + "{\"bufferView\":" + index + ",\"componentType\":" + number +
+                     ",\"count\":" + std::to_string(a.cols()) + ",\"type\":\"" + kind + "\"" +
+                     bounds + "}";
         views += comma + "{\"buffer\":0,\"byteOffset\":" + std::to_string(data.size()) +
                  ",\"byteLength\":" + std::to_string(bytes) + ",\"target\":34962}";
         append(data, {reinterpret_cast<const std::byte*>(a.data()), bytes});
@@ -46,6 +52,23 @@ Columns<float> glb_floats(const char* field, const Columns<T>& a) {
     if (!r.allFinite())
         throw Error("glb_bytes: " + std::string(field) + " has a number beyond the range of float");
     return r;
+}
+
+/// Returns COLOR_0 of each Gaussian: red, green, blue in linear light and opacity, as shares of 1.
+template <Real T>
+Columns<std::uint16_t> glb_colours(const GaussianCloud<T>& cloud) {
+    Columns<std::uint16_t> out(4, cloud.count());
+    const auto share = [](double x) {
+        return static_cast<std::uint16_t>(std::lround(65535 * std::clamp(x, 0.0, 1.0)));
+    };
+    for (Index i = 0; i < cloud.count(); ++i) {
+        for (Index k = 0; k < 3; ++k) {
+            const double stored = 0.5 + sh_factor(0) * static_cast<double>(cloud.sh_constant(k, i));
+            out(k, i) = share(linear_from_srgb(std::clamp(stored, 0.0, 1.0)));
+        }
+        out(3, i) = share(static_cast<double>(sigmoid(cloud.logit_opacity(0, i))));
+    }
+    return out;
 }
 
 } // namespace detail
@@ -72,6 +95,7 @@ Bytes glb_bytes(const GaussianCloud<T>& cloud) {
         most += (k > 0 ? "," : "") + number_text(mean.row(k).maxCoeff());
     }
     arrays.add("POSITION", mean, ",\"min\":[" + least + "],\"max\":[" + most + "]");
+    arrays.add("COLOR_0", detail::glb_colours(cloud));
     const std::string stem = "KHR_gaussian_splatting:";
     Columns<T> part(4, n);
     for (Index i = 0; i < n; ++i) {

@@ -24,9 +24,9 @@ std::uint8_t nearest_byte(T x) {
     return static_cast<std::uint8_t>(std::lround(std::clamp(x, T(0), T(255))));
 }
 
-/// Signs of the 15 coefficients above band 0, degrees 1 to 3, under half a turn about x.
-inline constexpr std::array<int, 15> sh_half_turn{-1, -1, 1,  -1, 1, 1,  -1, 1,
-                                                  -1, 1,  -1, -1, 1, -1, 1};
+/// Signs of the 24 coefficients above band 0, degrees 1 to 4, under half a turn about x.
+inline constexpr std::array<int, 24> sh_half_turn{-1, -1, 1, -1, 1,  1, -1, 1, -1, 1, -1, -1,
+                                                  1,  -1, 1, -1, 1, -1, 1,  1, -1, 1, -1, 1};
 
 /// Throws an Error, with the field and the Gaussian, unless every number is finite and every array
 /// has the cloud's shape.

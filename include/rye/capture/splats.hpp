@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/splats.hpp: splat files of several kinds: reads PLY, .splat or SPZ, recognised by
-/// content; writes PLY, .splat, SPZ or GLB by the name's extension. For known files of other
-/// programs the error gives the command that converts them. Clouds have the axes of a PLY (x right,
-/// y down, z forward for an upright subject), whatever the file's are; world units.
+/// rye/capture/splats.hpp: splat files of several kinds: reads PLY, .splat, SPZ or glTF, recognised
+/// by content; writes PLY, .splat, SPZ, GLB or USDA by the name's extension. For known files of
+/// other programs the error gives the command that converts them. Clouds have the axes of a PLY (x
+/// right, y down, z forward for an upright subject), whatever the file's are; world units.
 #pragma once
 
 #include <algorithm>
@@ -15,8 +15,10 @@
 #include <string_view>
 
 #include <rye/capture/glb.hpp>
+#include <rye/capture/gltf.hpp>
 #include <rye/capture/splat_file.hpp>
 #include <rye/capture/spz.hpp>
+#include <rye/capture/usda.hpp>
 #include <rye/gaussian/ply.hpp>
 
 namespace rye {
@@ -26,13 +28,14 @@ enum class SplatKind {
     ply,
     splat,
     spz,
-    glb, ///< written only
+    glb,
+    spz4, ///< SPZ of version 4, whose arrays are zstd
+    gltf, ///< read only
+    usda, ///< written only
     compressed_ply,
-    spz4,
     sog,
     ksplat,
-    lcc,
-    gltf, ///< recognised, neither read nor written
+    lcc, ///< recognised, neither read nor written
     unknown
 };
 
@@ -64,32 +67,38 @@ inline SplatKind splat_kind(const std::filesystem::path& path, ByteSpan beginnin
         return packed ? SplatKind::compressed_ply : SplatKind::ply;
     }
     if (is_gzip(beginning)) return SplatKind::spz;
-    if (begins("NGSP")) return SplatKind::spz4;
+    if (is_spz4(beginning)) return SplatKind::spz4;
     if (begins("glTF")) return SplatKind::glb;
+    if (begins("#usda")) return SplatKind::usda;
     const std::pair<std::string_view, SplatKind> by_name[]{
         {".splat", SplatKind::splat},  {".ksplat", SplatKind::ksplat}, {".sog", SplatKind::sog},
         {"meta.json", SplatKind::sog}, {".lcc", SplatKind::lcc},       {".lcc2", SplatKind::lcc},
         {".gltf", SplatKind::gltf},    {".glb", SplatKind::glb},       {".spz", SplatKind::spz},
-        {".ply", SplatKind::ply}};
+        {".ply", SplatKind::ply},      {".usda", SplatKind::usda}};
     for (const auto& [end, kind] : by_name)
         if (name.ends_with(end)) return kind;
     return begins("PK\x03\x04") ? SplatKind::sog : SplatKind::unknown;
 }
 
-/// Returns advice for a file of a kind that is not read; empty for kinds that are.
+/// Returns advice for a file of a kind that is not read, or not without zstd; empty for kinds that
+/// are.
 inline std::string splat_advice(SplatKind kind, const std::string& path) {
     const char* name = "";
     switch (kind) {
         case SplatKind::ply:
         case SplatKind::splat:
         case SplatKind::spz:
+        case SplatKind::glb:
+        case SplatKind::gltf:
             return "";
         case SplatKind::compressed_ply:
             name = "a compressed PLY (PlayCanvas)";
             break;
         case SplatKind::spz4:
-            name = "SPZ version 4";
-            break;
+            // Its version 3.7 leaves the axes of an SPZ in a PLY.
+            return "SPZ version 4, but this program was built without zstd; convert it with: npx "
+                   "@playcanvas/splat-transform@2.7.1 " +
+                   path + " converted.ply";
         case SplatKind::sog:
             name = "SOG (PlayCanvas)";
             break;
@@ -99,11 +108,11 @@ inline std::string splat_advice(SplatKind kind, const std::string& path) {
         case SplatKind::lcc:
             name = "LCC (XGRIDS)";
             break;
-        case SplatKind::glb:
-        case SplatKind::gltf:
-            return "glTF, which is not read; give the PLY, .splat or SPZ that it was made from";
+        case SplatKind::usda:
+            return "OpenUSD, which is not read; give the PLY, .splat, SPZ or glTF that it was made "
+                   "from";
         case SplatKind::unknown:
-            return "no splat file that is known: expected a PLY, .splat or SPZ (version 2 or 3)";
+            return "no splat file that is known: expected a PLY, .splat, SPZ or glTF";
     }
     return std::string(name) +
            ", which is not read; convert it with: npx "
@@ -111,23 +120,33 @@ inline std::string splat_advice(SplatKind kind, const std::string& path) {
            path + " converted.ply";
 }
 
-/// Reads a PLY, .splat or SPZ file, or a PLY from a pipe. Throws an Error, with the path, if it
-/// cannot be opened, is of another kind (with the converting command, if any), or as read_ply,
-/// parse_splat and parse_spz do; `memory` is theirs.
+/// Reads a PLY, .splat, SPZ or glTF file, or a PLY from a pipe; buffers of a glTF in files of their
+/// own lie beside it. Throws an Error, with the path, if it cannot be opened, is of another kind
+/// (with the converting command, if any), or as read_ply, parse_splat, parse_spz and parse_gltf do;
+/// `memory` is theirs. SPZ of version 4 is read with `zstd` alone.
 template <Real T>
 GaussianCloud<T> read_splats(const std::filesystem::path& path,
-                             std::uint64_t memory = default_memory) {
+                             std::uint64_t memory = default_memory,
+                             const ZstdDecompress& zstd = {}) {
     const std::string who = "read_splats: " + path.string();
     std::error_code status;
     const bool folder = std::filesystem::is_directory(path, status);
-    require(!folder, who, "a folder, expected a file: PLY, .splat or SPZ");
+    require(!folder, who, "a folder, expected a file: PLY, .splat, SPZ or glTF");
     if (std::filesystem::exists(path, status) && !std::filesystem::is_regular_file(path, status))
         return read_ply<T>(path.string(), memory);
     const SplatKind kind = splat_kind(path, read_beginning(path, 65536));
+    if (kind == SplatKind::spz4 && zstd) return parse_spz<T>(read_file(path), who, memory, zstd);
     const std::string advice = splat_advice(kind, path.string());
     require(advice.empty(), who, advice);
     if (kind == SplatKind::splat) return parse_splat<T>(read_file(path), who, memory);
     if (kind == SplatKind::spz) return parse_spz<T>(read_file(path), who, memory);
+    if (kind == SplatKind::gltf || kind == SplatKind::glb) {
+        const auto beside = [&](const std::string& uri, std::uint64_t size, const std::string&) {
+            const std::u8string name(uri.begin(), uri.end()); // JSON is UTF-8
+            return read_beginning(path.parent_path() / name, static_cast<std::size_t>(size));
+        };
+        return parse_gltf<T>(read_file(path), who, memory, beside);
+    }
     return read_ply<T>(path.string(), memory);
 }
 
@@ -140,12 +159,13 @@ inline SplatKind written_splat_kind(const std::filesystem::path& path, const std
     const std::pair<std::string_view, SplatKind> written[]{{".ply", SplatKind::ply},
                                                            {".splat", SplatKind::splat},
                                                            {".spz", SplatKind::spz},
-                                                           {".glb", SplatKind::glb}};
+                                                           {".glb", SplatKind::glb},
+                                                           {".usda", SplatKind::usda}};
     for (const auto& [end, kind] : written)
         if (!packed && name.ends_with(end)) return kind;
     throw Error(who + ": got the name " + path.string() +
-                ", expected one that ends in .ply, .splat, .spz" +
-                (also.empty() ? " or .glb" : ", .glb or " + also));
+                ", expected one that ends in .ply, .splat, .spz, .glb" +
+                (also.empty() ? " or .usda" : ", .usda or " + also));
 }
 
 /// Options of splat_file_bytes.
@@ -153,10 +173,11 @@ struct SplatFileOptions {
     SplatKind kind = SplatKind::ply;
     PlyOptions ply = {};              ///< for a PLY
     Deflate deflate = stored_deflate; ///< compressor for an SPZ
+    ZstdCompress zstd = stored_zstd;  ///< compressor for an SPZ of version 4
 };
 
 /// Returns the bytes of a file of the given kind. Throws an Error as write_ply, splat_bytes,
-/// spz_bytes and glb_bytes do, and for kinds that are not written.
+/// spz_bytes, spz4_bytes, glb_bytes and usda_text do, and for kinds that are not written.
 template <Real T>
 Bytes splat_file_bytes(const GaussianCloud<T>& cloud, const SplatFileOptions& options) {
     switch (options.kind) {
@@ -164,8 +185,15 @@ Bytes splat_file_bytes(const GaussianCloud<T>& cloud, const SplatFileOptions& op
             return splat_bytes(cloud);
         case SplatKind::spz:
             return spz_bytes(cloud, options.deflate);
+        case SplatKind::spz4:
+            return spz4_bytes(cloud, options.zstd);
         case SplatKind::glb:
             return glb_bytes(cloud);
+        case SplatKind::usda: {
+            const std::string text = usda_text<T>({&cloud, 1});
+            const ByteSpan span = as_bytes(text);
+            return {span.begin(), span.end()};
+        }
         case SplatKind::ply: {
             std::ostringstream text;
             write_ply(text, cloud, options.ply);
@@ -176,7 +204,7 @@ Bytes splat_file_bytes(const GaussianCloud<T>& cloud, const SplatFileOptions& op
         default:
             throw Error(
                 "splat_file_bytes: got a kind that is not written, expected PLY, .splat, "
-                "SPZ or GLB");
+                "SPZ, GLB or USDA");
     }
 }
 
