@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include <rye/core/random.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
@@ -50,13 +51,25 @@ std::string mediapipe(const std::string& time, const std::string& name, double s
 
 const std::string moved = "1,0,0,0, 0,1,0,0, 0,0,1,0, 1,2,-40,1";
 
-Drivers<float> rest(int coefficients) {
+Drivers<float> rest_of(int coefficients) {
     Drivers<float> d;
     d.expression = VecX<float>::Constant(coefficients, 0.25f);
     d.pose << 0, 0, 0, 1, 2, 3;
     d.scale = 2;
     d.gaze = {gaze_vector(0.0, 0.0).cast<float>(), gaze_vector(0.0, 0.0).cast<float>()};
     return d;
+}
+
+/// Frames in which nothing moves.
+Capture still_capture(Index coefficients) {
+    Capture c;
+    for (int f = 0; f < 6; ++f) {
+        CaptureFrame frame;
+        frame.expression.assign(static_cast<std::size_t>(coefficients), static_cast<float>(f));
+        frame.landmarks = Columns<double>::Ones(3, 66);
+        c.frames.push_back(std::move(frame));
+    }
+    return c;
 }
 
 } // namespace
@@ -217,7 +230,7 @@ TEST_CASE("a tracked face drives an avatar by names, looks and turns") {
     f.coefficients[10] = 0.5;
     f.turn = head_turn(0.3, 0, 0);
     f.place = Vec3<double>(100, 0, 0); // 1 dm
-    const Drivers<float> d = r.apply(f, rest(5));
+    const Drivers<float> d = r.apply(f, rest_of(5));
     CHECK((d.expression - VecX<float>{{0.75f, 0.75f, 0.5f, 0.75f, 0.25f}}).norm() < 1e-6f);
     CHECK((pitch_yaw(d.gaze[0]) - Vec2<float>(0, 0.34906585f)).norm() < 1e-5f);
     CHECK((pitch_yaw(d.gaze[1]) - Vec2<float>(0.2617994f, 0.17453293f)).norm() < 1e-5f);
@@ -225,13 +238,71 @@ TEST_CASE("a tracked face drives an avatar by names, looks and turns") {
     CHECK((d.pose.tail<3>() - Vec3<float>(3, 2, 3)).norm() < 1e-6f);
     // Angles of the track's own come before its looks; without either the rest stays.
     f.gaze[0] = Vec2<double>(0.1, -0.2);
-    CHECK((pitch_yaw(r.apply(f, rest(5)).gaze[0]) - Vec2<float>(0.1f, -0.2f)).norm() < 1e-6f);
+    CHECK((pitch_yaw(r.apply(f, rest_of(5)).gaze[0]) - Vec2<float>(0.1f, -0.2f)).norm() < 1e-6f);
     const Retarget nothing({"jawOpen"}, {}, 5);
     CHECK(nothing.words().find("have no names") != std::string::npos);
     TrackedFace jaw;
     jaw.coefficients = VecX<double>::Ones(1);
-    CHECK(nothing.apply(jaw, rest(5)).expression == rest(5).expression);
-    CHECK(nothing.apply(jaw, rest(5)).gaze[0] == rest(5).gaze[0]);
+    CHECK(nothing.apply(jaw, rest_of(5)).expression == rest_of(5).expression);
+    CHECK(nothing.apply(jaw, rest_of(5)).gaze[0] == rest_of(5).gaze[0]);
+}
+
+TEST_CASE("coefficients without names are driven by what they move in the landmarks") {
+    // An avatar of the same head whose coefficients are a rotation of the named ones.
+    const HeadModel model = procedural_head(1);
+    const auto names = static_cast<Index>(model.expression_names.size());
+    const Random random{7, 0};
+    std::uint64_t next = 0;
+    Columns<double> turn = Columns<double>::Identity(names, names);
+    for (int mirrors = 0; mirrors < 4; ++mirrors) {
+        VecX<double> v(names);
+        for (Index i = 0; i < names; ++i) v[i] = random.normal(next++);
+        turn -= 2 / v.squaredNorm() * v * (v.transpose() * turn);
+    }
+    const auto landmarks = [&](const VecX<double>& weights) {
+        const Points v =
+            model.vertices(weights, VecX<double>::Zero(static_cast<Index>(lid_names.size())));
+        Columns<double> all(3, 68);
+        for (std::size_t i = 0; i < 68; ++i)
+            all.col(static_cast<Index>(i)) = v.col(model.landmarks[i]);
+        return common_landmarks(all, "test");
+    };
+    Capture capture;
+    for (int f = 0; f < 80; ++f) {
+        VecX<double> weights(names);
+        for (Index k = 0; k < names; ++k)
+            weights[k] = std::max(0.0, random.uniform(next++) * 2 - 1);
+        CaptureFrame frame;
+        const VecX<double> own = turn * weights;
+        for (const double x : own) frame.expression.push_back(static_cast<float>(x));
+        frame.pose << 0.2, -0.1, 0.3, 1, 2, 3;
+        frame.scale = 1.5;
+        const Mat3<double> r = so3_exp(Vec3<double>(frame.pose.head<3>()));
+        frame.landmarks = ((1.5 * r) * landmarks(weights)).colwise() + Vec3<double>(1, 2, 3);
+        capture.frames.push_back(std::move(frame));
+    }
+    const ExpressionMix mix = fitted_mix(model, capture, "--driving");
+    CHECK(mix.names == model.expression_names);
+    const Columns<double> rest = landmarks(VecX<double>::Zero(names));
+    double error = 0, all = 0;
+    for (Index k = 0; k < names; ++k) {
+        const VecX<double> back = turn.transpose() * mix.weights.col(k);
+        error += (landmarks(back) - landmarks(VecX<double>::Unit(names, k))).squaredNorm();
+        all += (landmarks(VecX<double>::Unit(names, k)) - rest).squaredNorm();
+    }
+    MESSAGE("share of what names move that is missed: " << std::sqrt(error / all));
+    CHECK(std::sqrt(error / all) < 0.1);
+    // A track of such names then moves the avatar, from its own rest on.
+    const Retarget r(model.expression_names, mix);
+    TrackedFace face;
+    face.coefficients = VecX<double>::Unit(names, 3);
+    Drivers<float> still = rest_of(static_cast<int>(names));
+    still.expression.setZero();
+    CHECK((r.apply(face, still).expression - mix.weights.col(3).cast<float>()).norm() < 1e-6f);
+    CHECK(r.words().find("21 coefficients without names are driven by what 21") == 0);
+    capture.frames.resize(5);
+    CHECK_FAULT(fitted_mix(model, capture, "--driving"), "--driving: got 5 frames, expected at least 6");
+    CHECK_FAULT(fitted_mix(model, still_capture(names), "--driving"), "landmarks of all frames are alike");
 }
 
 TEST_CASE("sides and signs are turned round, a neutral face is taken away") {

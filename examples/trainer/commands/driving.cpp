@@ -107,9 +107,14 @@ std::vector<Drivers<float>> tracked_drivers(const DrivingOptions& o, const Train
     if (o.neutral >= 0) subtract_neutral(track, o.neutral, "--neutral");
     track.faces = ranged(track.faces, o.range);
     begin_at_first(track, o.pose == "relative");
-    const Retarget retarget(track.names, capture.expression_names, state.config.avatar.expression);
+    Retarget retarget(track.names, capture.expression_names, state.config.avatar.expression);
+    Drivers<float> rest = own;
+    if (retarget.driven() == 0 && state.config.avatar.expression > 0) {
+        retarget = Retarget(track.names, fitted_mix(procedural_head(1), capture, "--driving"));
+        rest.expression.setZero();
+    }
     std::vector<Drivers<float>> all;
-    for (const TrackedFace& f : resampled(track, rate)) all.push_back(retarget.apply(f, own));
+    for (const TrackedFace& f : resampled(track, rate)) all.push_back(retarget.apply(f, rest));
     std::cerr << "rye: note: " << o.path.string() << ": " << track.kind << ", " << pictures
               << " pictures, " << track.lost << " of them without a face; " << retarget.words();
     for (const std::string& note : track.notes) std::cerr << "; " << note;

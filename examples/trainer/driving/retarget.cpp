@@ -52,14 +52,7 @@ Retarget::Retarget(const std::vector<std::string>& tracked,
         for (const Source& s : list) used[static_cast<std::size_t>(s.tracked)] = true;
         if (list.empty()) undriven += (undriven.empty() ? "" : ", ") + avatar[k];
     }
-    const std::array<std::array<const char*, 4>, 2> looks{
-        {{"eyelookout", "eyelookin", "eyelookup", "eyelookdown"},
-         {"eyelookin", "eyelookout", "eyelookup", "eyelookdown"}}};
-    for (std::size_t e = 0; e < 2; ++e)
-        for (std::size_t k = 0; k < 4; ++k) {
-            looks_[e][k] = place_of(from, looks[e][k], e == 0 ? 'l' : 'r');
-            if (looks_[e][k]) used[static_cast<std::size_t>(*looks_[e][k])] = true;
-        }
+    find_looks(tracked, used);
     words_ = std::to_string(driven()) + " of " + std::to_string(coefficients) +
              " coefficients are driven by name";
     if (avatar.empty() && coefficients > 0) words_ += ": those of the avatar have no names";
@@ -69,6 +62,39 @@ Retarget::Retarget(const std::vector<std::string>& tracked,
         if (!used[i] && from[i].base != "neutral")
             unused += (unused.empty() ? "" : ", ") + tracked[i];
     if (!unused.empty() && !avatar.empty()) words_ += "; the avatar has no " + unused;
+}
+
+Retarget::Retarget(const std::vector<std::string>& tracked, const ExpressionMix& mix) {
+    sources_.resize(static_cast<std::size_t>(mix.weights.rows()));
+    mixed_ = true;
+    int found = 0;
+    for (std::size_t k = 0; k < mix.names.size(); ++k) {
+        std::optional<Index> i = index_of_name(tracked, mix.names[k]);
+        if (!i && sided_name(mix.names[k]).side != 0)
+            i = index_of_name(tracked, sided_name(mix.names[k]).base);
+        if (!i) continue;
+        ++found;
+        for (std::size_t e = 0; e < sources_.size(); ++e)
+            sources_[e].push_back(
+                {*i, mix.weights(static_cast<Index>(e), static_cast<Index>(k))});
+    }
+    std::vector<bool> used(tracked.size());
+    find_looks(tracked, used);
+    words_ = std::to_string(sources_.size()) + " coefficients without names are driven by what " +
+             std::to_string(found) + " of the track's move in the landmarks";
+}
+
+void Retarget::find_looks(const std::vector<std::string>& tracked, std::vector<bool>& used) {
+    std::vector<SidedName> from;
+    for (const std::string& name : tracked) from.push_back(sided_name(name));
+    const std::array<std::array<const char*, 4>, 2> looks{
+        {{"eyelookout", "eyelookin", "eyelookup", "eyelookdown"},
+         {"eyelookin", "eyelookout", "eyelookup", "eyelookdown"}}};
+    for (std::size_t e = 0; e < 2; ++e)
+        for (std::size_t k = 0; k < 4; ++k) {
+            looks_[e][k] = place_of(from, looks[e][k], e == 0 ? 'l' : 'r');
+            if (looks_[e][k]) used[static_cast<std::size_t>(*looks_[e][k])] = true;
+        }
 }
 
 int Retarget::driven() const {
@@ -81,7 +107,7 @@ Drivers<float> Retarget::apply(const TrackedFace& face, const Drivers<float>& re
     const auto tracked = [&](Index i) { return i < face.coefficients.size() ? face.coefficients[i] : 0; };
     for (std::size_t k = 0; k < sources_.size(); ++k) {
         if (sources_[k].empty() || face.coefficients.size() == 0) continue;
-        double sum = 0;
+        double sum = mixed_ ? static_cast<double>(rest.expression[static_cast<Index>(k)]) : 0;
         for (const Source& s : sources_[k]) sum += s.weight * tracked(s.tracked);
         d.expression[static_cast<Index>(k)] = static_cast<float>(sum);
     }

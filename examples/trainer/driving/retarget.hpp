@@ -9,6 +9,7 @@
 #include <rye/avatar/drivers.hpp>
 
 #include "driving/face_track.hpp"
+#include "driving/fit_expressions.hpp"
 
 namespace rye::trainer {
 
@@ -21,6 +22,8 @@ class Retarget {
     /// side, else, the mean of both sides.
     Retarget(const std::vector<std::string>& tracked, const std::vector<std::string>& avatar,
              int coefficients);
+    /// For an avatar whose coefficients have no names: by what the named ones are in terms of them.
+    Retarget(const std::vector<std::string>& tracked, const ExpressionMix& mix);
 
     /// Returns the drivers of `rest` with the face's expression, with its gaze where the track says
     /// where eyes look, and with its head pose as if the head of `rest` faced the tracker. Gazes come
@@ -38,10 +41,13 @@ class Retarget {
         Index tracked;
         double weight;
     };
+    /// Finds the coefficients of looking, and marks them as used.
+    void find_looks(const std::vector<std::string>& tracked, std::vector<bool>& used);
     std::vector<std::vector<Source>> sources_; ///< of each of the avatar's coefficients
     /// Looks of the left and the right eye: toward the subject's left and right, up, down.
     std::array<std::array<std::optional<Index>, 4>, 2> looks_;
     std::string words_;
+    bool mixed_ = false; ///< sums are added to the rest's coefficients
 };
 
 } // namespace rye::trainer
