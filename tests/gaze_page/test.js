@@ -10,6 +10,7 @@ const os = require("node:os");
 const path = require("node:path");
 const { Browser, serve } = require("../../examples/video_tracker/browser.js");
 const { fromDisk, sum } = require("./from_disk.js");
+const { Figures, psnr } = require("./measures.js");
 
 const [chromium, page, reference, drivers, out] = process.argv.slice(2);
 if (!out) {
@@ -17,36 +18,14 @@ if (!out) {
     process.exit(2);
 }
 const desktop = [1280, 860];
-let failures = 0;
-function figure(what, value, holds, bound) {
-    console.log(`${what.padEnd(58)} ${value.padStart(10)}   ${bound}${holds ? "" : "   FAILED"}`);
-    if (!holds) ++failures;
-}
+const figures = new Figures();
+const figure = figures.add.bind(figures);
 
 /// Run in the page: the canvas as it is, kept under a name.
 const keep = (name) => `(() => { const c = document.getElementById("picture");
     window.kept = window.kept || {};
     window.kept.${name} = { width: c.width, height: c.height,
         data: c.getContext("2d").getImageData(0, 0, c.width, c.height).data }; return true; })()`;
-
-/// Run in the page: [dB] between the canvas and a picture that the server has.
-const psnr = (url) => `(async () => {
-    const image = new Image();
-    image.src = ${JSON.stringify(url)};
-    await image.decode();
-    const c = document.createElement("canvas");
-    c.width = image.width; c.height = image.height;
-    const g = c.getContext("2d");
-    g.drawImage(image, 0, 0);
-    const right = g.getImageData(0, 0, c.width, c.height).data;
-    const p = document.getElementById("picture");
-    if (p.width !== c.width || p.height !== c.height) return -1;
-    const got = p.getContext("2d").getImageData(0, 0, p.width, p.height).data;
-    let sum = 0, n = 0;
-    for (let i = 0; i < got.length; ++i)
-        if (i % 4 !== 3) { sum += (got[i] - right[i]) ** 2; ++n; }
-    return 10 * Math.log10(255 * 255 / Math.max(sum / n, 1e-3));
-})()`;
 
 /// Run in the page: how much of the change between two kept pictures lies around the eyes.
 const changed = (a, b) => `(() => {
@@ -287,10 +266,7 @@ async function main() {
         await b.end();
         server.close();
     }
-    if (failures > 0) {
-        console.error(`${failures} of the bounds do not hold`);
-        process.exit(1);
-    }
+    figures.end();
 }
 
 main().catch((fault) => {

@@ -10,13 +10,11 @@ const dgram = require("node:dgram");
 const fs = require("node:fs");
 const path = require("node:path");
 const { Browser } = require("../../examples/video_tracker/browser.js");
+const { Figures, psnr } = require("./measures.js");
 
 const [chromium, rye, run, reference, drivers, out] = process.argv.slice(2);
-let failures = 0;
-function figure(what, value, holds, bound) {
-    console.log(`${what.padEnd(58)} ${value.padStart(10)}   ${bound}${holds ? "" : "   FAILED"}`);
-    if (!holds) ++failures;
-}
+const figures = new Figures();
+const figure = figures.add.bind(figures);
 
 /// Starts the program; resolves with its address, or null where it was built without a server.
 function view(words) {
@@ -34,25 +32,6 @@ function view(words) {
     });
     return { program, address, ended };
 }
-
-/// Run in the page: [dB] between the canvas and a picture.
-const psnr = (url) => `(async () => {
-    const image = new Image();
-    image.src = ${JSON.stringify(url)};
-    await image.decode();
-    const c = document.createElement("canvas");
-    c.width = image.width; c.height = image.height;
-    const g = c.getContext("2d");
-    g.drawImage(image, 0, 0);
-    const right = g.getImageData(0, 0, c.width, c.height).data;
-    const p = document.getElementById("picture");
-    if (p.width !== c.width || p.height !== c.height) return -1;
-    const got = p.getContext("2d").getImageData(0, 0, p.width, p.height).data;
-    let sum = 0, n = 0;
-    for (let i = 0; i < got.length; ++i)
-        if (i % 4 !== 3) { sum += (got[i] - right[i]) ** 2; ++n; }
-    return 10 * Math.log10(255 * 255 / Math.max(sum / n, 1e-3));
-})()`;
 
 /// An OSC packet of floats.
 function osc(address, numbers) {
@@ -141,10 +120,7 @@ async function main() {
         await b.end();
         program.kill("SIGKILL");
     }
-    if (failures > 0) {
-        console.error(`${failures} of the bounds do not hold`);
-        process.exit(1);
-    }
+    figures.end();
 }
 
 main().catch((fault) => {

@@ -259,14 +259,7 @@ TEST_CASE("coefficients without names are driven by what they move in the landma
         for (Index i = 0; i < names; ++i) v[i] = random.normal(next++);
         turn -= 2 / v.squaredNorm() * v * (v.transpose() * turn);
     }
-    const auto landmarks = [&](const VecX<double>& weights) {
-        const Points v =
-            model.vertices(weights, VecX<double>::Zero(static_cast<Index>(lid_names.size())));
-        Columns<double> all(3, 68);
-        for (std::size_t i = 0; i < 68; ++i)
-            all.col(static_cast<Index>(i)) = v.col(model.landmarks[i]);
-        return common_landmarks(all, "test");
-    };
+    const auto landmarks = [&](const VecX<double>& weights) { return landmarks_at(model, weights); };
     Capture capture;
     for (int f = 0; f < 80; ++f) {
         VecX<double> weights(names);

@@ -83,18 +83,19 @@ LinearFace linear_face(const Capture& capture, const std::string& who) {
 
 } // namespace
 
+Columns<double> landmarks_at(const HeadModel& model, const VecX<double>& weights) {
+    const Points v =
+        model.vertices(weights, VecX<double>::Zero(static_cast<Index>(lid_names.size())));
+    Columns<double> all(3, 68);
+    for (std::size_t i = 0; i < 68; ++i)
+        all.col(static_cast<Index>(i)) = v.col(model.landmarks[i]);
+    return common_landmarks(all, "landmarks_at");
+}
+
 ExpressionMix fitted_mix(const HeadModel& model, const Capture& capture, const std::string& who) {
     const LinearFace face = linear_face(capture, who);
     const auto names = static_cast<Index>(model.expression_names.size());
-    const auto landmarks = [&](const VecX<double>& weights) {
-        const Points v =
-            model.vertices(weights, VecX<double>::Zero(static_cast<Index>(lid_names.size())));
-        Columns<double> all(3, 68);
-        for (std::size_t i = 0; i < 68; ++i)
-            all.col(static_cast<Index>(i)) = v.col(model.landmarks[i]);
-        return common_landmarks(all, who);
-    };
-    const Columns<double> rest = landmarks(VecX<double>::Zero(names));
+    const Columns<double> rest = landmarks_at(model, VecX<double>::Zero(names));
     const Columns<double> own =
         Eigen::Map<const Columns<double>>(face.rest.data(), 3, face.rest.size() / 3);
     const auto spread = [](const Columns<double>& p) {
@@ -105,7 +106,7 @@ ExpressionMix fitted_mix(const HeadModel& model, const Capture& capture, const s
     Matrix moved(face.rest.size(), names);
     for (Index k = 0; k < names; ++k) {
         const Columns<double> d =
-            scale * (turn * (landmarks(VecX<double>::Unit(names, k)) - rest));
+            scale * (turn * (landmarks_at(model, VecX<double>::Unit(names, k)) - rest));
         moved.col(k) = Eigen::Map<const VecX<double>>(d.data(), d.size());
     }
     return {model.expression_names, ridge(face.shapes, moved, face.sigma)};

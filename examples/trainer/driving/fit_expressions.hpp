@@ -19,6 +19,9 @@ struct ExpressionMix {
     Columns<double> weights;        ///< E x K
 };
 
+/// Returns the 66 landmarks of a head model at these weights, lids open, 3 x 66.
+Columns<double> landmarks_at(const HeadModel& model, const VecX<double>& weights);
+
 /// Returns the mix for the names of a head model. Landmarks of the capture's frames are a linear
 /// function of expression and gaze, by a ridge with the frames' own deviations as a prior; the model's
 /// displacements are turned and scaled to its head, and expressed by these. Throws an Error that begins
