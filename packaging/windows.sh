@@ -100,7 +100,7 @@ cmake --build "$work/$level" --parallel "$jobs" --target rye_program >> "$work/$
 rm -rf "${work:?}/$name"
 mkdir -p "$work/$name/licences"
 "$host-strip" -o "$work/$name/rye.exe" "$work/$level/rye.exe"
-own=$("$host-objdump" -p "$work/$name/rye.exe" | sed -n 's/.*DLL Name: //p' | grep -Eivx '(kernel32|msvcrt|shell32|advapi32|user32)\.dll' || true)
+own=$("$host-objdump" -p "$work/$name/rye.exe" | sed -n 's/.*DLL Name: //p' | grep -Eivx '(kernel32|msvcrt|shell32|advapi32|user32|ws2_32|mswsock)\.dll' || true)
 [ -z "$own" ] || { echo "windows.sh: rye.exe needs $own" >&2; exit 1; }
 
 # ---- the archive ---------------------------------------------------------------------------------
