@@ -11,6 +11,7 @@
 #include "../support/hostile.hpp"
 #include "data/degrees.hpp"
 #include "driving/face_names.hpp"
+#include "driving/fit_expressions.hpp"
 #include "driving/retarget.hpp"
 
 using namespace rye;

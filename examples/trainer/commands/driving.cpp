@@ -13,6 +13,7 @@
 #include "data/out_format.hpp"
 #include "data/run_frames.hpp"
 #include "data/validate.hpp"
+#include "driving/fit_expressions.hpp"
 #include "driving/retarget.hpp"
 
 namespace rye::trainer {

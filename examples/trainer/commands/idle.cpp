@@ -95,7 +95,7 @@ LidCoefficients<float> lids_of(const Capture& capture) {
         for (Index k = 0; capture.frames.size() > 1 && k < names; ++k)
             if (k < static_cast<Index>(f.expression.size()))
                 most[k] = std::max(most[k], f.expression[static_cast<std::size_t>(k)]);
-    return lid_coefficients(capture.expression_names, most);
+    return rye::lid_coefficients(capture.expression_names, most);
 }
 
 std::vector<DrawnFrame> idle_frames(const IdleOptions& o, const GazeAtOptions& at,

@@ -4,20 +4,14 @@
 #pragma once
 
 #include <string>
-#include <vector>
 
 #include <rye/core/columns.hpp>
 
 #include "data/capture.hpp"
+#include "driving/retarget.hpp"
 #include "synthetic_capture/head_model.hpp"
 
 namespace rye::trainer {
-
-/// Coefficients of an avatar for named ones at 1.
-struct ExpressionMix {
-    std::vector<std::string> names; ///< K
-    Columns<double> weights;        ///< E x K
-};
 
 /// Returns the 66 landmarks of a head model at these weights, lids open, 3 x 66.
 Columns<double> landmarks_at(const HeadModel& model, const VecX<double>& weights);

@@ -9,9 +9,14 @@
 #include <rye/avatar/drivers.hpp>
 
 #include "driving/face_track.hpp"
-#include "driving/fit_expressions.hpp"
 
 namespace rye::trainer {
+
+/// Coefficients of an avatar for named ones at 1.
+struct ExpressionMix {
+    std::vector<std::string> names; ///< K
+    Columns<double> weights;        ///< E x K
+};
 
 /// What moves how in an avatar that a track of these names drives.
 class Retarget {
@@ -22,7 +27,8 @@ class Retarget {
     /// side, else, the mean of both sides.
     Retarget(const std::vector<std::string>& tracked, const std::vector<std::string>& avatar,
              int coefficients);
-    /// For an avatar whose coefficients have no names: by what the named ones are in terms of them.
+    /// For an avatar whose coefficients have no names: by what the named ones are in terms of them
+    /// (fit_expressions.hpp).
     Retarget(const std::vector<std::string>& tracked, const ExpressionMix& mix);
 
     /// Returns the drivers of `rest` with the face's expression, with its gaze where the track says

@@ -115,7 +115,7 @@ class ViewedHead : public ViewedScene {
         constexpr double range = 0.5; // as the page has it
         if (!idle_) idle_.emplace(IdleSettings{}, 1, longest_life);
         add_idle(idle_->at(seconds),
-                 lid_coefficients(playable_.expression_names, playable_.ranges.expression_high), range,
+                 rye::lid_coefficients(playable_.expression_names, playable_.ranges.expression_high), range,
                  d);
     }
 
