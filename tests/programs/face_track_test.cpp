@@ -35,8 +35,8 @@ std::string swinging(double sign, double unit) {
                 positive(-pitch) + "," + positive(yaw) + "," + positive(-yaw) + "," +
                 positive(pitch) + ",0.5,0,0,0";
         for (int eye = 0; eye < 2; ++eye)
-            text += "," + std::to_string(sign * unit * yaw) + "," + std::to_string(unit * pitch) +
-                    ",0";
+            text +=
+                "," + std::to_string(sign * unit * yaw) + "," + std::to_string(unit * pitch) + ",0";
         text += "\n";
     }
     return text;
@@ -44,8 +44,9 @@ std::string swinging(double sign, double unit) {
 
 std::string mediapipe(const std::string& time, const std::string& name, double score,
                       const std::string& matrix) {
-    return R"({"timestampMs":)" + time + R"(,"faceBlendshapes":[{"categories":[{"index":0,"score":)" +
-           std::to_string(score) + R"(,"categoryName":")" + name +
+    return R"({"timestampMs":)" + time +
+           R"(,"faceBlendshapes":[{"categories":[{"index":0,"score":)" + std::to_string(score) +
+           R"(,"categoryName":")" + name +
            R"("}]}],"facialTransformationMatrixes":[{"rows":4,"columns":4,"data":[)" + matrix +
            "]}]}";
 }
@@ -108,11 +109,13 @@ TEST_CASE("Live Link Face: units and signs of eyes follow from the looks") {
 }
 
 TEST_CASE("Live Link Face: pictures without a face, times, head") {
-    const std::string header = "\xef\xbb\xbftimecode,BlendShapeCount,jawOpen,HeadYaw,HeadPitch,HeadRoll\r\n";
+    const std::string header =
+        "\xef\xbb\xbftimecode,BlendShapeCount,jawOpen,HeadYaw,HeadPitch,HeadRoll\r\n";
     CHECK(is_live_link(header));
     CHECK_FALSE(is_live_link("frame,scale\n"));
-    const FaceTrack t = parse_live_link(header + "00:00:59:59.0,0,,,,\n00:01:00:00.0,61,0.5,10,20,30\r\n"
-                                                 "00:01:00:30.0,0\n\n00:01:01;00,61,1,0,0,0\n",
+    const FaceTrack t = parse_live_link(header +
+                                            "00:00:59:59.0,0,,,,\n00:01:00:00.0,61,0.5,10,20,30\r\n"
+                                            "00:01:00:30.0,0\n\n00:01:01;00,61,1,0,0,0\n",
                                         "t.csv");
     REQUIRE(t.faces.size() == 3);
     CHECK(t.lost == 1);
@@ -122,8 +125,9 @@ TEST_CASE("Live Link Face: pictures without a face, times, head") {
     REQUIRE(t.faces[0].turn);
     const Vec3<double> nose = *t.faces[0].turn * Vec3<double>::UnitZ();
     CHECK(pitch_yaw(nose)[0] == doctest::Approx(20 * degree)); // up
-    CHECK(pitch_yaw(nose)[1] == doctest::Approx(-10 * degree)); // toward the right, as Unreal has it
-    CHECK((*t.faces[0].turn)(1, 0) > 0); // the left side goes up: the head tilts to its right
+    CHECK(pitch_yaw(nose)[1] ==
+          doctest::Approx(-10 * degree)); // toward the right, as Unreal has it
+    CHECK((*t.faces[0].turn)(1, 0) > 0);  // the left side goes up: the head tilts to its right
     CHECK_FAULT(parse_live_link(header, "t.csv"), "t.csv: has no picture with a face");
     CHECK_FAULT(parse_live_link("Timecode,BlendShapeCount\n", "t.csv"), "has no coefficients");
     CHECK_FAULT(parse_live_link(header + "0:0:0:0,61,0.5,0,0\n", "t.csv"),
@@ -173,19 +177,20 @@ TEST_CASE("MediaPipe's results in the spellings of JavaScript and Python") {
     CHECK_FAULT(parse_face_json(mediapipe("0", "jawOpen", 7, moved), "m.json"), "got 7");
     CHECK_FAULT(parse_face_json(mediapipe("0", "jawOpen", 0, "1,0,0"), "m.json"),
                 "facialTransformationMatrixes: got");
-    CHECK_FAULT(parse_face_json(mediapipe("0", "jawOpen", 0, "1,0,0,0,0,2,0,0,0,0,1,0,0,0,0,1"),
-                                "m.json"),
-                "is no rotation");
+    CHECK_FAULT(
+        parse_face_json(mediapipe("0", "jawOpen", 0, "1,0,0,0,0,2,0,0,0,0,1,0,0,0,0,1"), "m.json"),
+        "is no rotation");
     CHECK_FAULT(parse_face_json(lines + R"({"weights":[]})", "m.jsonl"),
                 "is of OpenXR, expected as before of MediaPipe");
 }
 
 TEST_CASE("OpenXR's gazes and weights") {
-    const double s = std::sin(0.1), c = std::cos(0.1); // a turn by 0.2 to the subject's left, about +y
+    const double s = std::sin(0.1),
+                 c = std::cos(0.1); // a turn by 0.2 to the subject's left, about +y
     const auto pose = [](double x, double y, double z, double w) {
         const auto n = [](double v) { return std::to_string(v); };
-        return R"({"orientation":{"x":)" + n(x) + R"(,"y":)" + n(y) + R"(,"z":)" + n(z) + R"(,"w":)" +
-               n(w) + R"(},"position":{"x":0.1,"y":0.2,"z":0.3}})";
+        return R"({"orientation":{"x":)" + n(x) + R"(,"y":)" + n(y) + R"(,"z":)" + n(z) +
+               R"(,"w":)" + n(w) + R"(},"position":{"x":0.1,"y":0.2,"z":0.3}})";
     };
     std::string weights = "0";
     for (int i = 1; i < 70; ++i) weights += i == 24 ? ",1" : i == 2 ? ",0.5" : ",0";
@@ -207,20 +212,22 @@ TEST_CASE("OpenXR's gazes and weights") {
     CHECK(f.coefficients[*index_of_name(t.names, "cheekPuff")] == 0.25);
     CHECK_FAULT(parse_face_json(R"({"weights":[1]})", "x.json"), "weights: got 1 numbers");
     CHECK_FAULT(parse_face_json(R"({"gaze":[]})", "x.json"), "gaze: got 0 eyes");
-    CHECK_FAULT(parse_face_json(R"({"gaze":[{"gazePose":{"orientation":{"x":0,"y":0,"z":0,"w":2}}},{}]})",
-                                "x.json"),
-                "gazePose: orientation: has the length 2");
+    CHECK_FAULT(
+        parse_face_json(R"({"gaze":[{"gazePose":{"orientation":{"x":0,"y":0,"z":0,"w":2}}},{}]})",
+                        "x.json"),
+        "gazePose: orientation: has the length 2");
 }
 
 TEST_CASE("a tracked face drives an avatar by names, looks and turns") {
-    const std::vector<std::string> tracked{"eyeLookOutLeft", "eyeLookInLeft",  "eyeLookUpLeft",
-                                           "eyeLookDownLeft", "eyeLookOutRight", "eyeLookInRight",
-                                           "eyeLookUpRight", "eyeLookDownRight", "browInnerUp",
-                                           "mouthSmileLeft", "mouthSmileRight",  "tongueOut"};
-    const Retarget r(tracked, {"browInnerUp_L", "browInnerUp_R", "mouthSmile_R", "mouthSmile", "ears"},
-                     5);
+    const std::vector<std::string> tracked{"eyeLookOutLeft",  "eyeLookInLeft",    "eyeLookUpLeft",
+                                           "eyeLookDownLeft", "eyeLookOutRight",  "eyeLookInRight",
+                                           "eyeLookUpRight",  "eyeLookDownRight", "browInnerUp",
+                                           "mouthSmileLeft",  "mouthSmileRight",  "tongueOut"};
+    const Retarget r(tracked,
+                     {"browInnerUp_L", "browInnerUp_R", "mouthSmile_R", "mouthSmile", "ears"}, 5);
     CHECK(r.driven() == 4);
-    CHECK(r.words() == "4 of 5 coefficients are driven by name; not ears; the avatar has no tongueOut");
+    CHECK(r.words() ==
+          "4 of 5 coefficients are driven by name; not ears; the avatar has no tongueOut");
     TrackedFace f;
     f.coefficients = VecX<double>::Zero(12);
     f.coefficients[0] = 0.5;  // the left eye 20 degrees out
@@ -260,7 +267,9 @@ TEST_CASE("coefficients without names are driven by what they move in the landma
         for (Index i = 0; i < names; ++i) v[i] = random.normal(next++);
         turn -= 2 / v.squaredNorm() * v * (v.transpose() * turn);
     }
-    const auto landmarks = [&](const VecX<double>& weights) { return landmarks_at(model, weights); };
+    const auto landmarks = [&](const VecX<double>& weights) {
+        return landmarks_at(model, weights);
+    };
     Capture capture;
     for (int f = 0; f < 80; ++f) {
         VecX<double> weights(names);
@@ -295,8 +304,10 @@ TEST_CASE("coefficients without names are driven by what they move in the landma
     CHECK((r.apply(face, still).expression - mix.weights.col(3).cast<float>()).norm() < 1e-6f);
     CHECK(r.words().find("21 coefficients without names are driven by what 21") == 0);
     capture.frames.resize(5);
-    CHECK_FAULT(fitted_mix(model, capture, "--driving"), "--driving: got 5 frames, expected at least 6");
-    CHECK_FAULT(fitted_mix(model, still_capture(names), "--driving"), "landmarks of all frames are alike");
+    CHECK_FAULT(fitted_mix(model, capture, "--driving"),
+                "--driving: got 5 frames, expected at least 6");
+    CHECK_FAULT(fitted_mix(model, still_capture(names), "--driving"),
+                "landmarks of all frames are alike");
 }
 
 TEST_CASE("sides and signs are turned round, a neutral face is taken away") {
@@ -329,7 +340,8 @@ TEST_CASE("sides and signs are turned round, a neutral face is taken away") {
     CHECK((t.faces[0].coefficients - VecX<double>{{0, 0, 0.3, 0}}).norm() < 1e-12);
     CHECK(t.faces[1].coefficients[3] == doctest::Approx(1));
     CHECK((*t.faces[1].turn - Mat3<double>::Identity()).norm() < 1e-12);
-    CHECK_FAULT(subtract_neutral(t, 2, "--neutral"), "--neutral: got 2, expected a picture of the track");
+    CHECK_FAULT(subtract_neutral(t, 2, "--neutral"),
+                "--neutral: got 2, expected a picture of the track");
 }
 
 TEST_CASE("a track is played at another rate") {

@@ -138,9 +138,10 @@ TEST_CASE("OSC: VRChat's addresses turn eyes and close them, for ten seconds") {
     CHECK(face.face(5)->gaze[0]->norm() < 1e-9);
     const std::string blink = osc("/tracking/eye/EyesClosedAmount", {0.75f});
     const std::string other = osc("/chatbox/typing", {1});
-    send(face, osc_text("#bundle") + std::string(8, '\0') +
-                   big_endian(static_cast<std::uint32_t>(blink.size())) + blink +
-                   big_endian(static_cast<std::uint32_t>(other.size())) + other,
+    send(face,
+         osc_text("#bundle") + std::string(8, '\0') +
+             big_endian(static_cast<std::uint32_t>(blink.size())) + blink +
+             big_endian(static_cast<std::uint32_t>(other.size())) + other,
          10);
     CHECK(face.face(10)->coefficients == VecX<double>::Constant(2, 0.75));
     CHECK(face.face(14.9)->gaze[0].has_value());
@@ -249,8 +250,9 @@ TEST_CASE("splats are seen from before, at every accuracy") {
     const TemporaryFolder folder;
     const auto file = folder.path / "ring.splat";
     const Bytes bytes = splat_bytes(cloud);
-    std::ofstream(file, std::ios::binary).write(reinterpret_cast<const char*>(bytes.data()),
-                                               static_cast<std::streamsize>(bytes.size()));
+    std::ofstream(file, std::ios::binary)
+        .write(reinterpret_cast<const char*>(bytes.data()),
+               static_cast<std::streamsize>(bytes.size()));
     const auto scene = viewed_splats(file);
     CHECK(scene->description().at("still") == true);
     CHECK(scene->description().at("gaussians") == 40);
@@ -306,7 +308,9 @@ TEST_CASE("a server answers this machine's page alone") {
     const auto get = [&](const std::string& path, const std::string& fields) {
         return talk(port, "GET " + path + " HTTP/1.1\r\n" + fields + "Connection: close\r\n\r\n");
     };
-    const auto status = [](const std::string& answer) { return answer.substr(0, answer.find("\r\n")); };
+    const auto status = [](const std::string& answer) {
+        return answer.substr(0, answer.find("\r\n"));
+    };
     CHECK(status(get(secret + "x", host)) == "HTTP/1.1 200 OK");
     CHECK(get(secret + "x", host).ends_with("\r\n\r\nGET x "));
     CHECK(get(secret + "x", host).find("X-Rye: 1\r\n") != std::string::npos);
@@ -326,9 +330,9 @@ TEST_CASE("a server answers this machine's page alone") {
     CHECK(status(talk(port, "GET / HTTP/1.1\r\nX: " + std::string(20000, 'x'))) ==
           "HTTP/1.1 431 Request Header Fields Too Large");
     // Two requests on one connection, the second with a body.
-    const std::string two =
-        talk(port, "GET " + secret + "a HTTP/1.1\r\n" + host + "\r\nPOST " + secret +
-                       "b HTTP/1.1\r\n" + host + "Connection: close\r\nContent-Length: 4\r\n\r\nbody");
+    const std::string two = talk(port, "GET " + secret + "a HTTP/1.1\r\n" + host + "\r\nPOST " +
+                                           secret + "b HTTP/1.1\r\n" + host +
+                                           "Connection: close\r\nContent-Length: 4\r\n\r\nbody");
     CHECK(two.find("GET a ") != std::string::npos);
     CHECK(two.ends_with("POST b body"));
     // A hundred connections that say nothing keep nobody out.

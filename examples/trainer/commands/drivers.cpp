@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye drivers`: the drivers of a run or a capture, or a face tracker's file turned into the run's, as
-/// a CSV file, to be edited, drawn as curves, or given to `rye redirect --driving`.
+/// `rye drivers`: the drivers of a run or a capture, or a face tracker's file turned into the
+/// run's, as a CSV file, to be edited, drawn as curves, or given to `rye redirect --driving`.
 #include <iostream>
 #include <memory>
 #include <span>
@@ -32,7 +32,8 @@ void write_drivers(const DriversOptions& o) {
     if (!o.driving.path.empty()) {
         const Drivers<float> own =
             frame_drivers(capture, frame_index(capture, ""), state.config.gaze_axis);
-        frames = driving_frames(o.driving, state, capture, own, pictures_a_second(parsed_rate(o.rate, "--fps")));
+        frames = driving_frames(o.driving, state, capture, own,
+                                pictures_a_second(parsed_rate(o.rate, "--fps")));
         for (std::size_t i = 0; i < frames.size(); ++i) ids.push_back(std::to_string(i));
     } else {
         for (int f = 0; f < capture.frame_count(); ++f) {

@@ -128,16 +128,18 @@ std::vector<Drivers<float>> tracked_drivers(const DrivingOptions& o, const Train
 void add_driving_options(CLI::App& command, DrivingOptions& o) {
     CLI::Option* const driving =
         command
-            .add_option("--driving", o.path,
-                        "Expressions, head poses and gazes of a video: the folder of a capture or "
-                        "of a run, a CSV file (`rye drivers` writes one), or a face tracker's: Live "
-                        "Link Face's CSV, MediaPipe's or OpenXR's JSON")
+            .add_option(
+                "--driving", o.path,
+                "Expressions, head poses and gazes of a video: the folder of a capture or "
+                "of a run, a CSV file (`rye drivers` writes one), or a face tracker's: Live "
+                "Link Face's CSV, MediaPipe's or OpenXR's JSON")
             ->check(CLI::ExistingPath);
     command
-        .add_option("--pose", o.pose,
-                    "Head poses of --driving: driving: as they are, in its world, or of a tracker's "
-                    "file turned from the frame's; relative: its motion since its first frame, from "
-                    "the frame's pose on; own: the frame's, still")
+        .add_option(
+            "--pose", o.pose,
+            "Head poses of --driving: driving: as they are, in its world, or of a tracker's "
+            "file turned from the frame's; relative: its motion since its first frame, from "
+            "the frame's pose on; own: the frame's, still")
         ->check(CLI::IsMember({"driving", "relative", "own"}))
         ->needs(driving)
         ->capture_default_str();

@@ -27,9 +27,9 @@ struct DrivingOptions {
 void add_driving_options(CLI::App& command, DrivingOptions& options);
 
 /// Returns the drivers of each picture. `own` are the run's drivers at the frame drawn otherwise:
-/// they fill what a file lacks, and --pose may keep their head pose. A track with times is played at
-/// `rate` pictures a second; what of it drives what is said on standard error. Throws an Error for a
-/// path that is none of these, and unless the drivers fit the avatar.
+/// they fill what a file lacks, and --pose may keep their head pose. A track with times is played
+/// at `rate` pictures a second; what of it drives what is said on standard error. Throws an Error
+/// for a path that is none of these, and unless the drivers fit the avatar.
 std::vector<Drivers<float>> driving_frames(const DrivingOptions& options, const TrainState& state,
                                            const Capture& capture, const Drivers<float>& own,
                                            double rate);

@@ -84,7 +84,8 @@ class FollowedRun {
             try {
                 TrainState state = load_trained(run_);
                 const ShownView view = shown_view(run_, state, {}, "", "");
-                page.show(viewed_run(std::move(state), view.capture, view.frame, view.camera, wish_));
+                page.show(
+                    viewed_run(std::move(state), view.capture, view.frame, view.camera, wish_));
                 fault_.clear();
             } catch (const Error& e) {
                 fault_ = e.what();
@@ -117,20 +118,24 @@ LiveDriver playing(std::vector<Drivers<float>> frames) {
     };
 }
 
-/// Returns drivers by OSC, which the server receives on a port; says what it does not understand once.
+/// Returns drivers by OSC, which the server receives on a port; says what it does not understand
+/// once.
 LiveDriver by_osc(LoopbackServer& server, int port, const std::vector<std::string>& names,
                   int coefficients) {
     auto face = std::make_shared<OscFace>();
     const auto begin = Clock::now();
     server.receive(port, [face, begin, told = false](ByteSpan packet) mutable {
         try {
-            read_osc(packet, "--osc", [&](const OscMessage& m) { face->take(m, seconds_since(begin)); });
+            read_osc(packet, "--osc",
+                     [&](const OscMessage& m) { face->take(m, seconds_since(begin)); });
         } catch (const Error& e) {
-            if (!told) std::cerr << "rye: note: " << e.what() << "; further such packets are not told\n";
+            if (!told)
+                std::cerr << "rye: note: " << e.what() << "; further such packets are not told\n";
             told = true;
         }
     });
-    return [face, begin, retarget = Retarget(OscFace::names(), names, coefficients)](Drivers<float>& d) {
+    return [face, begin,
+            retarget = Retarget(OscFace::names(), names, coefficients)](Drivers<float>& d) {
         const std::optional<TrackedFace> f = face->face(seconds_since(begin));
         if (f) d = retarget.apply(*f, d);
         return f.has_value();
@@ -160,9 +165,9 @@ LiveDriver begin_view(const ViewOptions& o, ViewPage& page, LoopbackServer& serv
     if (!o.driving.path.empty()) {
         const TrainState state = load_trained(o.path);
         const ShownView view = shown_view(o.path, state, {}, "", "");
-        live = playing(driving_frames(o.driving, state, view.capture,
-                                      frame_drivers(view.capture, view.frame, state.config.gaze_axis),
-                                      60));
+        live = playing(
+            driving_frames(o.driving, state, view.capture,
+                           frame_drivers(view.capture, view.frame, state.config.gaze_axis), 60));
     }
     if (o.osc > 0) {
         require(page.has_scene(), "--osc", "needs a trained head, and there is none yet");

@@ -9,8 +9,8 @@
 
 namespace rye::trainer {
 
-/// Server of `rye view` for a run's folder on a thread of its own, during its life. It draws the last
-/// checkpoint on the CPU, and a fault of it is a note on standard error, never the training's.
+/// Server of `rye view` for a run's folder on a thread of its own, during its life. It draws the
+/// last checkpoint on the CPU, and a fault of it is a note on standard error, never the training's.
 class ViewedTraining {
   public:
     /// Throws an Error if the port is taken, or the program was built without a server.

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// data/csv.hpp: lines and fields of comma-separated text of names and numbers, which need no quotes.
+/// data/csv.hpp: lines and fields of comma-separated text of names and numbers, which need no
+/// quotes.
 #pragma once
 
 #include <string_view>

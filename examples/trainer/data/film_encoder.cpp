@@ -27,10 +27,23 @@ void encode_film(const fs::path& y4m, const fs::path& file) {
     unfinished.replace_extension();
     unfinished += ".tmp" + file.extension().string();
     std::vector<std::string> words{
-        find_program({"ffmpeg"})->string(), "-hide_banner", "-loglevel", "error", "-nostdin", "-y",
-        "-i", y4m.string(), "-vf",
+        find_program({"ffmpeg"})->string(),
+        "-hide_banner",
+        "-loglevel",
+        "error",
+        "-nostdin",
+        "-y",
+        "-i",
+        y4m.string(),
+        "-vf",
         "pad=ceil(iw/2)*2:ceil(ih/2)*2,scale=in_color_matrix=bt601:out_color_matrix=bt709",
-        "-pix_fmt", "yuv420p", "-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc",
+        "-pix_fmt",
+        "yuv420p",
+        "-colorspace",
+        "bt709",
+        "-color_primaries",
+        "bt709",
+        "-color_trc",
         "bt709"};
     const std::vector<std::string> by =
         webm ? std::vector<std::string>{"-c:v", "libvpx-vp9", "-crf", "24", "-b:v", "0"}

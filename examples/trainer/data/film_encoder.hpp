@@ -11,8 +11,8 @@ namespace rye::trainer {
 void require_ffmpeg(const std::filesystem::path& file);
 
 /// Makes a video of a Y4M, which is removed: H.264 in MP4, or VP9 for a name that ends in .webm, of
-/// Rec. 709 with sides made even, without sound. Throws an Error with what ffmpeg says; then no file
-/// is left.
+/// Rec. 709 with sides made even, without sound. Throws an Error with what ffmpeg says; then no
+/// file is left.
 void encode_film(const std::filesystem::path& y4m, const std::filesystem::path& file);
 
 } // namespace rye::trainer

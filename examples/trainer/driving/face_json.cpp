@@ -31,8 +31,9 @@ const Json* field_of(const Json& object, std::initializer_list<const char*> name
 
 /// Returns the value of the first face in a list; null if the list is empty.
 const Json* first_face(const Json& list, const std::string& who) {
-    require(list.is_array(), who, "got ", [&] { return json_excerpt(list); },
-            ", expected a list with a value for each face");
+    require(
+        list.is_array(), who, "got ", [&] { return json_excerpt(list); },
+        ", expected a list with a value for each face");
     return list.empty() ? nullptr : &list.front();
 }
 
@@ -51,7 +52,8 @@ class Names {
              const std::string& who) {
         if (!complete_) names_.push_back(name);
         require(position < names_.size() && names_[position] == name, who, "got the coefficient ",
-                name, " at place ", position + 1, ", expected those of the pictures before, in "
+                name, " at place ", position + 1,
+                ", expected those of the pictures before, in "
                 "their order");
         all.conservativeResize(static_cast<Index>(position) + 1);
         all[static_cast<Index>(position)] = x;
@@ -72,12 +74,14 @@ bool read_categories(const Json& list, TrackedFace& f, Names& names, const std::
     const Json* face = first_face(list, who);
     if (face == nullptr) return false;
     if (face->is_object() && face->contains("categories")) face = &face->at("categories");
-    require(face->is_array() && !face->empty(), who, "got ", [&] { return json_excerpt(*face); },
-            ", expected a list of categories");
+    require(
+        face->is_array() && !face->empty(), who, "got ", [&] { return json_excerpt(*face); },
+        ", expected a list of categories");
     for (std::size_t i = 0; i < face->size(); ++i) {
         const Json& c = face->at(i);
         const std::string at = who + ": category " + std::to_string(i);
-        require(c.is_object(), at, "got ", [&] { return json_excerpt(c); }, ", expected an object");
+        require(
+            c.is_object(), at, "got ", [&] { return json_excerpt(c); }, ", expected an object");
         std::string name = json_text(c, "categoryName", "", at);
         if (name.empty()) name = json_text(c, "category_name", "", at);
         require(!name.empty(), at + ": categoryName", "is missing, expected a name");
@@ -99,8 +103,9 @@ void read_matrix(const Json& value, TrackedFace& f, const std::string& who) {
         require(std::abs(all.back()) <= largest_number, who, "got ", all.back(),
                 ", expected at most 1e6");
     };
-    require(list.is_array() && (list.size() == 16 || list.size() == 4), who, "got ",
-            [&] { return json_excerpt(list); }, ", expected 16 numbers, or 4 rows of 4");
+    require(
+        list.is_array() && (list.size() == 16 || list.size() == 4), who, "got ",
+        [&] { return json_excerpt(list); }, ", expected 16 numbers, or 4 rows of 4");
     for (const Json& each : list)
         if (each.is_array())
             for (const Json& x : each) add(x);
@@ -128,8 +133,9 @@ void read_matrix(const Json& value, TrackedFace& f, const std::string& who) {
 /// Reads a picture. Returns false if it shows no face.
 bool read_picture(const Json& e, FaceTrack& track, TrackedFace& f, Names& names,
                   const std::string& who) {
-    require(e.is_object(), who, "got ", [&] { return json_excerpt(e); },
-            ", expected an object for each picture");
+    require(
+        e.is_object(), who, "got ", [&] { return json_excerpt(e); },
+        ", expected an object for each picture");
     const auto kind = [&](const char* found) {
         require(track.kind.empty() || track.kind == found, who, "is of ", found,
                 ", expected as before of ", track.kind);
@@ -145,14 +151,16 @@ bool read_picture(const Json& e, FaceTrack& track, TrackedFace& f, Names& names,
         return seen;
     }
     if (time != nullptr)
-        f.time = (has_ms ? 1e-3 : 1) * json_number(*time, who + (has_ms ? ": timestampMs" : ": time"));
+        f.time =
+            (has_ms ? 1e-3 : 1) * json_number(*time, who + (has_ms ? ": timestampMs" : ": time"));
     if (e.contains("coefficients") || e.contains("faces")) {
         kind("rye import video");
         if (!e.contains("coefficients")) return false;
         const Json& all = e.at("coefficients");
         const std::string at = who + ": coefficients";
-        require(all.is_object() && !all.empty(), at, "got ", [&] { return json_excerpt(all); },
-                ", expected numbers by their names");
+        require(
+            all.is_object() && !all.empty(), at, "got ", [&] { return json_excerpt(all); },
+            ", expected numbers by their names");
         std::size_t i = 0;
         for (const auto& [name, value] : all.items())
             names.set(f.coefficients, i++, name, coefficient(value, at + "." + name), at);
@@ -161,7 +169,8 @@ bool read_picture(const Json& e, FaceTrack& track, TrackedFace& f, Names& names,
         return true;
     }
     const Json* const shapes = field_of(e, {"faceBlendshapes", "face_blendshapes"});
-    require(shapes != nullptr, who, "has neither faceBlendshapes (MediaPipe), coefficients (rye "
+    require(shapes != nullptr, who,
+            "has neither faceBlendshapes (MediaPipe), coefficients (rye "
             "import video) nor gaze and weights (OpenXR)");
     kind("MediaPipe");
     if (!read_categories(*shapes, f, names, who + ": faceBlendshapes")) return false;
@@ -178,9 +187,9 @@ class Pictures {
     explicit Pictures(const std::string& who) : who_(who), names_(track_.names) {}
 
     void add(const Json& picture, const std::string& at) {
-        require_memory((2 * sizeof(TrackedFace) + 8 * track_.names.size() + 128) *
-                           (track_.faces.size() + 1),
-                       memory_limit(), at, "the pictures to here");
+        require_memory(
+            (2 * sizeof(TrackedFace) + 8 * track_.names.size() + 128) * (track_.faces.size() + 1),
+            memory_limit(), at, "the pictures to here");
         TrackedFace f;
         const bool seen = read_picture(picture, track_, f, names_, at);
         timed_ = timed_ && field_of(picture, {"time", "timestampMs", "timestamp_ms"}) != nullptr;
@@ -191,8 +200,8 @@ class Pictures {
             f = track_.faces.back();
             f.time = time;
         }
-        require(!timed_ || track_.faces.empty() || f.time >= track_.faces.back().time, at + ": time",
-                "got ", f.time, " s, expected not before the picture before, at ",
+        require(!timed_ || track_.faces.empty() || f.time >= track_.faces.back().time,
+                at + ": time", "got ", f.time, " s, expected not before the picture before, at ",
                 track_.faces.empty() ? 0.0 : track_.faces.back().time);
         track_.faces.push_back(std::move(f));
     }

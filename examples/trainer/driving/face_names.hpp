@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// driving/face_names.hpp: names of coefficients in the spellings of different programs, and turns of
-/// a head by angles.
+/// driving/face_names.hpp: names of coefficients in the spellings of different programs, and turns
+/// of a head by angles.
 #pragma once
 
 #include <cmath>

@@ -57,9 +57,9 @@ TrackedFace between(const TrackedFace& a, const TrackedFace& b, double share) {
     if (b.coefficients.size() == a.coefficients.size())
         f.coefficients += share * (b.coefficients - a.coefficients);
     if (a.turn && b.turn)
-        f.turn = Mat3<double>(*a.turn * so3_exp(Vec3<double>(
-                                            share * so3_log(Mat3<double>(a.turn->transpose() *
-                                                                         *b.turn)))));
+        f.turn = Mat3<double>(
+            *a.turn *
+            so3_exp(Vec3<double>(share * so3_log(Mat3<double>(a.turn->transpose() * *b.turn)))));
     if (a.place && b.place) f.place = Vec3<double>(*a.place + share * (*b.place - *a.place));
     for (std::size_t e = 0; e < 2; ++e)
         if (a.gaze[e] && b.gaze[e])
@@ -122,8 +122,7 @@ void subtract_neutral(FaceTrack& track, int picture, const std::string& who) {
             picture, ", expected a picture of the track, 0 to ", track.faces.size() - 1);
     const TrackedFace neutral = track.faces[static_cast<std::size_t>(picture)];
     for (TrackedFace& f : track.faces) {
-        if (f.turn && neutral.turn)
-            f.turn = Mat3<double>(neutral.turn->transpose() * *f.turn);
+        if (f.turn && neutral.turn) f.turn = Mat3<double>(neutral.turn->transpose() * *f.turn);
         for (Index i = 0; i < f.coefficients.size(); ++i) {
             // The looks of eyes are angles, and so have no neutral but ahead.
             if (sided_name(track.names[static_cast<std::size_t>(i)]).base.starts_with("eyelook"))

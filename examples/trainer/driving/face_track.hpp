@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// driving/face_track.hpp: what a face tracker says, picture by picture, in one form for all kinds of
-/// files. Angles and axes are those of the head frame (x the subject's left, y up, z out of the
+/// driving/face_track.hpp: what a face tracker says, picture by picture, in one form for all kinds
+/// of files. Angles and axes are those of the head frame (x the subject's left, y up, z out of the
 /// face); coefficients have ARKit's names, whatever their spelling, and are about 0 to 1.
 #pragma once
 
@@ -17,10 +17,10 @@ namespace rye::trainer {
 
 /// Face of one picture.
 struct TrackedFace {
-    double time = 0;                             ///< [s]
-    VecX<double> coefficients;                   ///< by FaceTrack::names
-    std::optional<Mat3<double>> turn;            ///< the head's, from facing the tracker
-    std::optional<Vec3<double>> place;           ///< the head's [mm]
+    double time = 0;                                 ///< [s]
+    VecX<double> coefficients;                       ///< by FaceTrack::names
+    std::optional<Mat3<double>> turn;                ///< the head's, from facing the tracker
+    std::optional<Vec3<double>> place;               ///< the head's [mm]
     std::array<std::optional<Vec2<double>>, 2> gaze; ///< left, right eye: pitch, yaw [rad]
 };
 
@@ -39,11 +39,12 @@ bool is_live_link(std::string_view text);
 /// Reads the CSV of Live Link Face or a program that writes its columns: Timecode
 /// (HH:MM:SS:FRAMES), BlendShapeCount, coefficients, HeadYaw, HeadPitch, HeadRoll, LeftEyeYaw ...
 /// Whether angles are degrees, and the signs of the eyes', follow from their sizes and from the
-/// coefficients of looking; signs of the head are those of Unreal Engine. Throws an Error with file,
-/// line, column and value.
+/// coefficients of looking; signs of the head are those of Unreal Engine. Throws an Error with
+/// file, line, column and value.
 FaceTrack parse_live_link(std::string_view text, const std::string& who);
 
-/// Reads JSON: a list, an object with the list `frames` or `results`, or a line for each picture, of
+/// Reads JSON: a list, an object with the list `frames` or `results`, or a line for each picture,
+/// of
 /// - results of MediaPipe's Face Landmarker (faceBlendshapes, facialTransformationMatrixes, in the
 ///   spelling of JavaScript or Python) with time [s] or timestampMs;
 /// - pictures of `rye import video` (coefficients, matrix);
@@ -74,12 +75,12 @@ Flips parsed_flips(const std::string& text, const std::string& who);
 void flip(FaceTrack& track, const Flips& flips);
 
 /// Takes the face of one picture as neutral: its coefficients n become 0 and 1 stays 1, as
-/// (x - n) / (1 - n), not below 0; head turns are from its. Throws an Error that begins with `who` if
-/// there is no such picture.
+/// (x - n) / (1 - n), not below 0; head turns are from its. Throws an Error that begins with `who`
+/// if there is no such picture.
 void subtract_neutral(FaceTrack& track, int picture, const std::string& who);
 
-/// Returns the faces at times 0, 1 / rate, 2 / rate ... since the first one, between two pictures in
-/// proportion; as they are if the track has no times.
+/// Returns the faces at times 0, 1 / rate, 2 / rate ... since the first one, between two pictures
+/// in proportion; as they are if the track has no times.
 std::vector<TrackedFace> resampled(const FaceTrack& track, double rate);
 
 } // namespace rye::trainer

@@ -65,7 +65,8 @@ LinearFace linear_face(const Capture& capture, const std::string& who) {
     // In units of the deviations a coefficient moves landmarks by about as much as any other.
     VecX<double> deviation =
         (x.colwise().squaredNorm() / static_cast<double>(frames)).cwiseSqrt().transpose();
-    require(y.cwiseAbs().maxCoeff() > noise, who, "landmarks of all frames are alike, so no "
+    require(y.cwiseAbs().maxCoeff() > noise, who,
+            "landmarks of all frames are alike, so no "
             "coefficient moves anything");
     const VecX<double> scale = deviation.cwiseMax(1e-6);
     const Matrix unit = x.array().rowwise() / scale.transpose().array();
@@ -87,8 +88,7 @@ Columns<double> landmarks_at(const HeadModel& model, const VecX<double>& weights
     const Points v =
         model.vertices(weights, VecX<double>::Zero(static_cast<Index>(lid_names.size())));
     Columns<double> all(3, 68);
-    for (std::size_t i = 0; i < 68; ++i)
-        all.col(static_cast<Index>(i)) = v.col(model.landmarks[i]);
+    for (std::size_t i = 0; i < 68; ++i) all.col(static_cast<Index>(i)) = v.col(model.landmarks[i]);
     return common_landmarks(all, "landmarks_at");
 }
 

@@ -21,9 +21,9 @@ namespace rye::trainer {
 namespace {
 
 /// Angles of a line in the order of these names; not all files have them.
-constexpr std::array<const char*, 9> angle_names{
-    "headyaw",      "headpitch",   "headroll",      "lefteyeyaw",  "lefteyepitch",
-    "lefteyeroll",  "righteyeyaw", "righteyepitch", "righteyeroll"};
+constexpr std::array<const char*, 9> angle_names{"headyaw",     "headpitch",     "headroll",
+                                                 "lefteyeyaw",  "lefteyepitch",  "lefteyeroll",
+                                                 "righteyeyaw", "righteyepitch", "righteyeroll"};
 constexpr std::size_t head_angles = 3;
 constexpr double most_coefficient = 2, most_angle = 360;
 /// Largest angle of a table in radians.
@@ -50,9 +50,8 @@ double seconds_of(std::string_view text, double& frames, const std::string& who)
     std::string_view rest = text;
     for (std::size_t k = 0; k < 4; ++k) {
         const std::size_t end = k < 3 ? rest.find_first_of(":;") : rest.size();
-        const std::optional<double> x = end == std::string_view::npos
-                                            ? std::nullopt
-                                            : parse_double(rest.substr(0, end));
+        const std::optional<double> x =
+            end == std::string_view::npos ? std::nullopt : parse_double(rest.substr(0, end));
         constexpr std::array<double, 4> most{1000, 60, 61, 1000};
         require(x && *x >= 0 && *x < most[k], who + ": column 'Timecode'", "got '", text,
                 "', expected HOURS:MINUTES:SECONDS:FRAMES");
@@ -90,7 +89,8 @@ std::vector<Column> columns_of(std::string_view header, Table& table, const std:
                 {name, most_coefficient, [k](Line& l, double x) { l.coefficients[k] = x; }});
         }
     }
-    require(!table.names.empty(), who + ": line 1", "has no coefficients after Timecode, expected "
+    require(!table.names.empty(), who + ": line 1",
+            "has no coefficients after Timecode, expected "
             "columns such as EyeBlinkLeft and JawOpen");
     return columns;
 }
@@ -224,8 +224,8 @@ FaceTrack parse_live_link(std::string_view text, const std::string& who) {
     std::array<double, 4> sign{};
     bool degrees_of_eyes = largest(t, head_angles, angle_names.size()) > most_radians;
     if (has_eyes) {
-        constexpr double sure = 0.5;        // correlation
-        constexpr double most_slope = 5;    // a look of 1 is 0.6 radians or 35 degrees
+        constexpr double sure = 0.5;     // correlation
+        constexpr double most_slope = 5; // a look of 1 is 0.6 radians or 35 degrees
         std::string turned;
         for (std::size_t k = 0; k < eyes.size(); ++k) {
             sign[k] = eyes[k].unreal;
@@ -244,8 +244,8 @@ FaceTrack parse_live_link(std::string_view text, const std::string& who) {
                                   " are turned, as the coefficients of looking say");
     }
     const bool has_head = t.has[0] && t.has[1] && t.has[2];
-    const bool degrees_of_head = largest(t, 0, head_angles) > most_radians ||
-                                 (has_eyes && degrees_of_eyes);
+    const bool degrees_of_head =
+        largest(t, 0, head_angles) > most_radians || (has_eyes && degrees_of_eyes);
     if (has_eyes || has_head)
         track.notes.push_back(std::string("angles are ") +
                               (degrees_of_eyes == degrees_of_head || !has_eyes

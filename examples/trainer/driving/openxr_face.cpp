@@ -23,33 +23,58 @@ struct Shape {
     std::array<int, 4> weights; ///< of XrFaceExpression2FB; -1: none
 };
 constexpr std::size_t weight_count = 70;
-constexpr Shape shapes[]{
-    {"browDownLeft", {0, -1, -1, -1}},      {"browDownRight", {1, -1, -1, -1}},
-    {"browInnerUp", {22, 23, -1, -1}},      {"browOuterUpLeft", {57, -1, -1, -1}},
-    {"browOuterUpRight", {58, -1, -1, -1}}, {"cheekPuff", {2, 3, -1, -1}},
-    {"cheekSquintLeft", {4, -1, -1, -1}},   {"cheekSquintRight", {5, -1, -1, -1}},
-    {"eyeBlinkLeft", {12, -1, -1, -1}},     {"eyeBlinkRight", {13, -1, -1, -1}},
-    {"eyeLookDownLeft", {14, -1, -1, -1}},  {"eyeLookDownRight", {15, -1, -1, -1}},
-    {"eyeLookOutLeft", {16, -1, -1, -1}},   {"eyeLookInRight", {17, -1, -1, -1}},
-    {"eyeLookInLeft", {18, -1, -1, -1}},    {"eyeLookOutRight", {19, -1, -1, -1}},
-    {"eyeLookUpLeft", {20, -1, -1, -1}},    {"eyeLookUpRight", {21, -1, -1, -1}},
-    {"eyeSquintLeft", {28, -1, -1, -1}},    {"eyeSquintRight", {29, -1, -1, -1}},
-    {"eyeWideLeft", {59, -1, -1, -1}},      {"eyeWideRight", {60, -1, -1, -1}},
-    {"jawForward", {27, -1, -1, -1}},       {"jawLeft", {25, -1, -1, -1}},
-    {"jawOpen", {24, -1, -1, -1}},          {"jawRight", {26, -1, -1, -1}},
-    {"mouthClose", {50, -1, -1, -1}},       {"mouthDimpleLeft", {10, -1, -1, -1}},
-    {"mouthDimpleRight", {11, -1, -1, -1}}, {"mouthFrownLeft", {30, -1, -1, -1}},
-    {"mouthFrownRight", {31, -1, -1, -1}},  {"mouthFunnel", {34, 35, 36, 37}},
-    {"mouthLeft", {53, -1, -1, -1}},        {"mouthLowerDownLeft", {51, -1, -1, -1}},
-    {"mouthLowerDownRight", {52, -1, -1, -1}}, {"mouthPressLeft", {38, -1, -1, -1}},
-    {"mouthPressRight", {39, -1, -1, -1}},  {"mouthPucker", {40, 41, -1, -1}},
-    {"mouthRight", {54, -1, -1, -1}},       {"mouthRollLower", {44, 46, -1, -1}},
-    {"mouthRollUpper", {45, 47, -1, -1}},   {"mouthShrugLower", {8, -1, -1, -1}},
-    {"mouthShrugUpper", {9, -1, -1, -1}},   {"mouthSmileLeft", {32, -1, -1, -1}},
-    {"mouthSmileRight", {33, -1, -1, -1}},  {"mouthStretchLeft", {42, -1, -1, -1}},
-    {"mouthStretchRight", {43, -1, -1, -1}}, {"mouthUpperUpLeft", {61, -1, -1, -1}},
-    {"mouthUpperUpRight", {62, -1, -1, -1}}, {"noseSneerLeft", {55, -1, -1, -1}},
-    {"noseSneerRight", {56, -1, -1, -1}},   {"tongueOut", {68, -1, -1, -1}}};
+constexpr Shape shapes[]{{"browDownLeft", {0, -1, -1, -1}},
+                         {"browDownRight", {1, -1, -1, -1}},
+                         {"browInnerUp", {22, 23, -1, -1}},
+                         {"browOuterUpLeft", {57, -1, -1, -1}},
+                         {"browOuterUpRight", {58, -1, -1, -1}},
+                         {"cheekPuff", {2, 3, -1, -1}},
+                         {"cheekSquintLeft", {4, -1, -1, -1}},
+                         {"cheekSquintRight", {5, -1, -1, -1}},
+                         {"eyeBlinkLeft", {12, -1, -1, -1}},
+                         {"eyeBlinkRight", {13, -1, -1, -1}},
+                         {"eyeLookDownLeft", {14, -1, -1, -1}},
+                         {"eyeLookDownRight", {15, -1, -1, -1}},
+                         {"eyeLookOutLeft", {16, -1, -1, -1}},
+                         {"eyeLookInRight", {17, -1, -1, -1}},
+                         {"eyeLookInLeft", {18, -1, -1, -1}},
+                         {"eyeLookOutRight", {19, -1, -1, -1}},
+                         {"eyeLookUpLeft", {20, -1, -1, -1}},
+                         {"eyeLookUpRight", {21, -1, -1, -1}},
+                         {"eyeSquintLeft", {28, -1, -1, -1}},
+                         {"eyeSquintRight", {29, -1, -1, -1}},
+                         {"eyeWideLeft", {59, -1, -1, -1}},
+                         {"eyeWideRight", {60, -1, -1, -1}},
+                         {"jawForward", {27, -1, -1, -1}},
+                         {"jawLeft", {25, -1, -1, -1}},
+                         {"jawOpen", {24, -1, -1, -1}},
+                         {"jawRight", {26, -1, -1, -1}},
+                         {"mouthClose", {50, -1, -1, -1}},
+                         {"mouthDimpleLeft", {10, -1, -1, -1}},
+                         {"mouthDimpleRight", {11, -1, -1, -1}},
+                         {"mouthFrownLeft", {30, -1, -1, -1}},
+                         {"mouthFrownRight", {31, -1, -1, -1}},
+                         {"mouthFunnel", {34, 35, 36, 37}},
+                         {"mouthLeft", {53, -1, -1, -1}},
+                         {"mouthLowerDownLeft", {51, -1, -1, -1}},
+                         {"mouthLowerDownRight", {52, -1, -1, -1}},
+                         {"mouthPressLeft", {38, -1, -1, -1}},
+                         {"mouthPressRight", {39, -1, -1, -1}},
+                         {"mouthPucker", {40, 41, -1, -1}},
+                         {"mouthRight", {54, -1, -1, -1}},
+                         {"mouthRollLower", {44, 46, -1, -1}},
+                         {"mouthRollUpper", {45, 47, -1, -1}},
+                         {"mouthShrugLower", {8, -1, -1, -1}},
+                         {"mouthShrugUpper", {9, -1, -1, -1}},
+                         {"mouthSmileLeft", {32, -1, -1, -1}},
+                         {"mouthSmileRight", {33, -1, -1, -1}},
+                         {"mouthStretchLeft", {42, -1, -1, -1}},
+                         {"mouthStretchRight", {43, -1, -1, -1}},
+                         {"mouthUpperUpLeft", {61, -1, -1, -1}},
+                         {"mouthUpperUpRight", {62, -1, -1, -1}},
+                         {"noseSneerLeft", {55, -1, -1, -1}},
+                         {"noseSneerRight", {56, -1, -1, -1}},
+                         {"tongueOut", {68, -1, -1, -1}}};
 
 /// Returns the numbers of an object's fields with these names.
 template <std::size_t n>
@@ -117,13 +142,13 @@ bool read_openxr(const Json& picture, TrackedFace& face, const std::string& who)
                     "is missing, expected an XrPosef");
             if (eye.contains("isValid")) {
                 const Json& valid = eye.at("isValid");
-                require(valid.is_boolean() || valid.is_number(), at + ": isValid", "got ",
-                        [&] { return json_excerpt(valid); }, ", expected true or false");
+                require(
+                    valid.is_boolean() || valid.is_number(), at + ": isValid", "got ",
+                    [&] { return json_excerpt(valid); }, ", expected true or false");
                 if (valid == false || valid == 0) continue;
             }
             const Pose p = pose_of(eye.at("gazePose"), at + ": gazePose");
-            const Vec3<double> forward =
-                head.transpose() * (p.rotation * Vec3<double>(0, 0, -1));
+            const Vec3<double> forward = head.transpose() * (p.rotation * Vec3<double>(0, 0, -1));
             face.gaze[e] = pitch_yaw(Vec3<double>(-forward.x(), forward.y(), -forward.z()));
             seen = true;
         }

@@ -72,8 +72,8 @@ void read(ByteSpan bytes, const std::string& who,
     require(types.starts_with(','), who, "got the OSC types '", types, "', expected a comma first");
     for (const char type : types.substr(1)) switch (type) {
             case 'f':
-                message.numbers.push_back(std::bit_cast<float>(
-                    static_cast<std::uint32_t>(packet.whole(4))));
+                message.numbers.push_back(
+                    std::bit_cast<float>(static_cast<std::uint32_t>(packet.whole(4))));
                 break;
             case 'd':
                 message.numbers.push_back(std::bit_cast<double>(packet.whole(8)));
@@ -166,7 +166,9 @@ bool OscFace::take(const OscMessage& m, double now) {
 }
 
 std::optional<TrackedFace> OscFace::face(double now) const {
-    const auto holds = [&](const std::optional<double>& time) { return time && now - *time < timeout; };
+    const auto holds = [&](const std::optional<double>& time) {
+        return time && now - *time < timeout;
+    };
     if (!holds(looked_) && !holds(blinked_)) return std::nullopt;
     TrackedFace f;
     f.time = now;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// driving/osc.hpp: eyes that another program sends as OSC, at the addresses that VRChat receives:
-/// /tracking/eye/LeftRightPitchYaw and the others of its page "OSC Eye Tracking". Source: Open Sound
-/// Control 1.0.
+/// /tracking/eye/LeftRightPitchYaw and the others of its page "OSC Eye Tracking". Source: Open
+/// Sound Control 1.0.
 #pragma once
 
 #include <functional>
@@ -20,8 +20,8 @@ struct OscMessage {
     std::vector<double> numbers; ///< its arguments that are numbers or truth values
 };
 
-/// Calls `take` with each message of a packet, also those in bundles. Throws an Error that begins with
-/// `who` for bytes that are no OSC.
+/// Calls `take` with each message of a packet, also those in bundles. Throws an Error that begins
+/// with `who` for bytes that are no OSC.
 void read_osc(ByteSpan packet, const std::string& who,
               const std::function<void(const OscMessage&)>& take);
 

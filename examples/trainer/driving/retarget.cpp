@@ -14,7 +14,7 @@ namespace rye::trainer {
 namespace {
 
 constexpr double look_aside = 40 * degree, look_up = 30 * degree; // of a coefficient of 1
-constexpr double dm_per_mm = 0.01; // heads are about decimetres
+constexpr double dm_per_mm = 0.01;                                // heads are about decimetres
 
 /// Returns the place of the coefficient with this name and side.
 std::optional<Index> place_of(const std::vector<SidedName>& all, const std::string& base,
@@ -26,8 +26,8 @@ std::optional<Index> place_of(const std::vector<SidedName>& all, const std::stri
 
 } // namespace
 
-Retarget::Retarget(const std::vector<std::string>& tracked,
-                   const std::vector<std::string>& avatar, int coefficients) {
+Retarget::Retarget(const std::vector<std::string>& tracked, const std::vector<std::string>& avatar,
+                   int coefficients) {
     std::vector<SidedName> from;
     for (const std::string& name : tracked) from.push_back(sided_name(name));
     std::vector<bool> used(tracked.size());
@@ -75,8 +75,7 @@ Retarget::Retarget(const std::vector<std::string>& tracked, const ExpressionMix&
         if (!i) continue;
         ++found;
         for (std::size_t e = 0; e < sources_.size(); ++e)
-            sources_[e].push_back(
-                {*i, mix.weights(static_cast<Index>(e), static_cast<Index>(k))});
+            sources_[e].push_back({*i, mix.weights(static_cast<Index>(e), static_cast<Index>(k))});
     }
     std::vector<bool> used(tracked.size());
     find_looks(tracked, used);
@@ -104,7 +103,9 @@ int Retarget::driven() const {
 
 Drivers<float> Retarget::apply(const TrackedFace& face, const Drivers<float>& rest) const {
     Drivers<float> d = rest;
-    const auto tracked = [&](Index i) { return i < face.coefficients.size() ? face.coefficients[i] : 0; };
+    const auto tracked = [&](Index i) {
+        return i < face.coefficients.size() ? face.coefficients[i] : 0;
+    };
     for (std::size_t k = 0; k < sources_.size(); ++k) {
         if (sources_[k].empty() || face.coefficients.size() == 0) continue;
         double sum = mixed_ ? static_cast<double>(rest.expression[static_cast<Index>(k)]) : 0;
@@ -122,8 +123,7 @@ Drivers<float> Retarget::apply(const TrackedFace& face, const Drivers<float>& re
         d.gaze[e] = gaze_vector(held[0], held[1]).cast<float>();
     }
     const Mat3<double> own = so3_exp(Vec3<double>(rest.pose.head<3>().cast<double>()));
-    if (face.turn)
-        d.pose.head<3>() = so3_log(Mat3<double>(own * *face.turn)).cast<float>();
+    if (face.turn) d.pose.head<3>() = so3_log(Mat3<double>(own * *face.turn)).cast<float>();
     if (face.place)
         d.pose.tail<3>() +=
             (own * (dm_per_mm * static_cast<double>(rest.scale) * *face.place)).cast<float>();

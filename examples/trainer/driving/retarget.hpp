@@ -23,8 +23,8 @@ class Retarget {
   public:
     /// tracked: names of a track's coefficients; avatar: those of the avatar's, none if it has no
     /// names; coefficients: their number. A coefficient takes that of its name in any spelling
-    /// (browDown_L, BrowDownLeft); one with a side, else, that of the same name without; one without a
-    /// side, else, the mean of both sides.
+    /// (browDown_L, BrowDownLeft); one with a side, else, that of the same name without; one
+    /// without a side, else, the mean of both sides.
     Retarget(const std::vector<std::string>& tracked, const std::vector<std::string>& avatar,
              int coefficients);
     /// For an avatar whose coefficients have no names: by what the named ones are in terms of them
@@ -32,9 +32,9 @@ class Retarget {
     Retarget(const std::vector<std::string>& tracked, const ExpressionMix& mix);
 
     /// Returns the drivers of `rest` with the face's expression, with its gaze where the track says
-    /// where eyes look, and with its head pose as if the head of `rest` faced the tracker. Gazes come
-    /// from the track's angles, else from its coefficients of looking: 1 is 40 degrees aside, 30 up or
-    /// down. Coefficients that the track lacks stay as in `rest`.
+    /// where eyes look, and with its head pose as if the head of `rest` faced the tracker. Gazes
+    /// come from the track's angles, else from its coefficients of looking: 1 is 40 degrees aside,
+    /// 30 up or down. Coefficients that the track lacks stay as in `rest`.
     Drivers<float> apply(const TrackedFace& face, const Drivers<float>& rest) const;
 
     /// Returns how many of the avatar's coefficients are driven.

@@ -47,14 +47,22 @@ std::string lower(std::string_view text) {
 
 const char* reason(int status) {
     switch (status) {
-        case 200: return "OK";
-        case 400: return "Bad Request";
-        case 403: return "Forbidden";
-        case 404: return "Not Found";
-        case 405: return "Method Not Allowed";
-        case 413: return "Content Too Large";
-        case 431: return "Request Header Fields Too Large";
-        default: return "Internal Server Error";
+        case 200:
+            return "OK";
+        case 400:
+            return "Bad Request";
+        case 403:
+            return "Forbidden";
+        case 404:
+            return "Not Found";
+        case 405:
+            return "Method Not Allowed";
+        case 413:
+            return "Content Too Large";
+        case 431:
+            return "Request Header Fields Too Large";
+        default:
+            return "Internal Server Error";
     }
 }
 
@@ -261,8 +269,8 @@ LoopbackServer::LoopbackServer(int port, std::function<WebAnswer(const WebReques
         s.acceptor.listen();
         s.port = s.acceptor.local_endpoint().port();
     } catch (const std::system_error& e) {
-        throw Error("--port: got " + std::to_string(port) + ", which cannot be listened on: " +
-                    e.what());
+        throw Error("--port: got " + std::to_string(port) +
+                    ", which cannot be listened on: " + e.what());
     }
     s.accept();
 }
@@ -283,8 +291,8 @@ void LoopbackServer::receive(int port, std::function<void(ByteSpan)> take) {
             s.context, udp::endpoint(asio::ip::address_v4::loopback(),
                                      static_cast<asio::ip::port_type>(port)));
     } catch (const std::system_error& e) {
-        throw Error("--osc: got " + std::to_string(port) + ", which cannot be listened on: " +
-                    e.what());
+        throw Error("--osc: got " + std::to_string(port) +
+                    ", which cannot be listened on: " + e.what());
     }
     s.receive();
 }

@@ -32,8 +32,9 @@ struct WebAnswer {
 
 class LoopbackServer {
   public:
-    /// Listens on the port, or on a free one for 0. `answer` is asked for each request; an Error that
-    /// it throws is answered as text with the status 400. Throws an Error if the port is taken.
+    /// Listens on the port, or on a free one for 0. `answer` is asked for each request; an Error
+    /// that it throws is answered as text with the status 400. Throws an Error if the port is
+    /// taken.
     LoopbackServer(int port, std::function<WebAnswer(const WebRequest&)> answer);
     ~LoopbackServer();
     LoopbackServer(const LoopbackServer&) = delete;
@@ -43,8 +44,8 @@ class LoopbackServer {
     /// Returns the address with its secret: http://127.0.0.1:PORT/SECRET/.
     std::string address() const;
 
-    /// Calls `take` with each packet that comes to this UDP port of 127.0.0.1. Throws an Error if the
-    /// port is taken.
+    /// Calls `take` with each packet that comes to this UDP port of 127.0.0.1. Throws an Error if
+    /// the port is taken.
     void receive(int port, std::function<void(ByteSpan)> take);
 
     /// Answers until `stop`, which is asked ten times a second, returns true.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// viewing/page_files.hpp: files of the page that `rye view` serves, put into the program when it is
-/// built.
+/// viewing/page_files.hpp: files of the page that `rye view` serves, put into the program when it
+/// is built.
 #pragma once
 
 #include <string_view>

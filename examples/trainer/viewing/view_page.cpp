@@ -62,10 +62,12 @@ void change(ViewWish& w, const Json& request) {
     if (!motion.empty())
         for (Index row = 0; row < 3; ++row) {
             for (Index k = 0; k < 3; ++k)
-                c.camera_from_world.rotation(row, k) = motion[static_cast<std::size_t>(4 * row + k)];
+                c.camera_from_world.rotation(row, k) =
+                    motion[static_cast<std::size_t>(4 * row + k)];
             c.camera_from_world.translation[row] = motion[static_cast<std::size_t>(4 * row + 3)];
         }
-    const int width = side_of(request, "width", c.width), height = side_of(request, "height", c.height);
+    const int width = side_of(request, "width", c.width),
+              height = side_of(request, "height", c.height);
     const float x = static_cast<float>(width) / static_cast<float>(c.width),
                 y = static_cast<float>(height) / static_cast<float>(c.height);
     c.fx *= x, c.cx *= x, c.fy *= y, c.cy *= y;
@@ -79,7 +81,8 @@ WebAnswer json_answer(const Json& json) { return {200, "application/json", json.
 } // namespace
 
 void ViewPage::show(std::unique_ptr<ViewedScene> scene) {
-    const bool same = scene_ && scene_->description().at("names") == scene->description().at("names");
+    const bool same =
+        scene_ && scene_->description().at("names") == scene->description().at("names");
     scene_ = std::move(scene);
     if (!same) wish_ = scene_->first();
     ++number_;
@@ -93,15 +96,18 @@ ViewedScene& ViewPage::scene() {
 WebAnswer ViewPage::picture(const std::string& body) {
     ViewedScene& shown = scene();
     const Json request = parse_json_text(body, "draw");
-    require(request.is_object(), "draw", "got ", [&] { return json_excerpt(request); },
-            ", expected an object");
+    require(
+        request.is_object(), "draw", "got ", [&] { return json_excerpt(request); },
+        ", expected an object");
     ViewWish wish = wish_;
     change(wish, request);
     ViewWish moved = wish;
     const double life = json_number(request, "idle", -1, "draw");
     require(life <= most_life, "draw: idle", "got ", life, " s, expected at most ", most_life);
-    if (live_) live_(moved.drivers);
-    else if (life >= 0) shown.add_life(life, moved.drivers);
+    if (live_)
+        live_(moved.drivers);
+    else if (life >= 0)
+        shown.add_life(life, moved.drivers);
     const ViewedPicture p = shown.draw(moved);
     wish_ = wish; // what can be drawn is kept
     const Bytes jpeg = encode_jpeg(to_8bit(p.picture), quality, "rye view");

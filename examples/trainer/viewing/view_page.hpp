@@ -18,8 +18,8 @@ using LiveDriver = std::function<bool(Drivers<float>&)>;
 
 class ViewPage {
   public:
-    /// Shows a scene in the place of the one before; the page keeps its drivers and camera where both
-    /// have the same description.
+    /// Shows a scene in the place of the one before; the page keeps its drivers and camera where
+    /// both have the same description.
     void show(std::unique_ptr<ViewedScene> scene);
     /// Words on the picture, such as a training's losses; while there is no scene, why.
     void say(std::string words) { words_ = std::move(words); }
@@ -35,7 +35,8 @@ class ViewPage {
     /// Answers:
     ///   GET  "", style.css, camera.js, page.js   the page
     ///   GET  opened      the scene's description, or {"waiting": words}
-    ///   POST draw        {gaze, expression, pose, motion, width, height, accuracy, effects, idle}, each
+    ///   POST draw        {gaze, expression, pose, motion, width, height, accuracy, effects, idle},
+    ///   each
     ///                    optional: the picture as JPEG; times and work in the header X-Rye. idle:
     ///                    seconds that the eyes have lived by themselves, in this picture alone
     ///   POST prices      what each accuracy costs in the last picture

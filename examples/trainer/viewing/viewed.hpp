@@ -19,8 +19,8 @@ namespace rye::trainer {
 struct ViewWish {
     Drivers<float> drivers; ///< of a head
     Pinhole<float> camera;
-    std::string accuracy;   ///< one of ViewedScene::accuracies
-    std::string effects;    ///< a variant's name, or effects; empty: all
+    std::string accuracy; ///< one of ViewedScene::accuracies
+    std::string effects;  ///< a variant's name, or effects; empty: all
 };
 
 /// Picture, and what it took.
@@ -34,8 +34,8 @@ struct ViewedPicture {
 /// What an accuracy costs in the view of a wish.
 struct ViewedPrice {
     std::string accuracy;
-    double ms = 0;              ///< of a picture from a new camera, median of some
-    double most = 0, mean = 0;  ///< difference of a channel from the last accuracy of the list
+    double ms = 0;             ///< of a picture from a new camera, median of some
+    double most = 0, mean = 0; ///< difference of a channel from the last accuracy of the list
 };
 
 class ViewedScene {

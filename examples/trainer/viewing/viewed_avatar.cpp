@@ -33,8 +33,7 @@ class Player {
 template <AccuracyPolicy A>
 class PlayerOf : public Player {
   public:
-    explicit PlayerOf(const PlayableAvatar<float>& playable)
-        : player_(train_backend(), playable) {}
+    explicit PlayerOf(const PlayableAvatar<float>& playable) : player_(train_backend(), playable) {}
     ViewedPicture draw(const ViewWish& wish, const VecX<float>& background) override {
         const Clock::time_point begin = Clock::now();
         const Image<float>& picture = player_.draw(wish.drivers, wish.camera, background);
@@ -49,8 +48,7 @@ class PlayerOf : public Player {
 template <class T>
 std::vector<double> list_of(const T& values) {
     std::vector<double> list;
-    for (Index i = 0; i < values.size(); ++i)
-        list.push_back(static_cast<double>(values.data()[i]));
+    for (Index i = 0; i < values.size(); ++i) list.push_back(static_cast<double>(values.data()[i]));
     return list;
 }
 
@@ -82,8 +80,8 @@ class ViewedHead : public ViewedScene {
         }
         motion.insert(motion.end(), {0, 0, 0, 1});
         return {{"name", playable_.name},
-                {"gaussians", playable_.avatar.face.position.cols() +
-                                  playable_.avatar.eyes.position.cols()},
+                {"gaussians",
+                 playable_.avatar.face.position.cols() + playable_.avatar.eyes.position.cols()},
                 {"names", playable_.expression_names},
                 {"expression", list_of(d.expression)},
                 {"low", list_of(playable_.ranges.expression_low)},
@@ -114,9 +112,10 @@ class ViewedHead : public ViewedScene {
     void add_life(double seconds, Drivers<float>& d) override {
         constexpr double range = 0.5; // as the page has it
         if (!idle_) idle_.emplace(IdleSettings{}, 1, longest_life);
-        add_idle(idle_->at(seconds),
-                 rye::lid_coefficients(playable_.expression_names, playable_.ranges.expression_high), range,
-                 d);
+        add_idle(
+            idle_->at(seconds),
+            rye::lid_coefficients(playable_.expression_names, playable_.ranges.expression_high),
+            range, d);
     }
 
     ViewedPicture draw(const ViewWish& wish) override {

@@ -61,10 +61,9 @@ void add_idle(const IdleMoment& m, const LidCoefficients<T>& lids, double range,
         if (m.turn[0] == 0 && m.turn[1] == 0) break;
         const Vec3<double> before = gaze.template cast<double>();
         const double most = std::max(range, angle_from_ahead(before));
-        const Vec3<double> turned =
-            apply_kappa(before, KappaAngles<double>{m.turn[0], m.turn[1]});
-        gaze = (angle_from_ahead(turned) > most ? at_range(turned, most) : turned)
-                   .template cast<T>();
+        const Vec3<double> turned = apply_kappa(before, KappaAngles<double>{m.turn[0], m.turn[1]});
+        gaze =
+            (angle_from_ahead(turned) > most ? at_range(turned, most) : turned).template cast<T>();
     }
     const double behind = m.lid_behind / idle_lid_turn; // above 0: the lid is still higher
     const auto move = [&](const std::vector<LidCoefficient<T>>& list, double share) {
