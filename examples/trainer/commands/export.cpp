@@ -214,7 +214,7 @@ void add_export(CLI::App& app) {
         ->check(from_to(0, 3))
         ->capture_default_str();
     c->add_option("--spz-version", o->spz_version, "NAME.spz: 3, or 4, which fewer viewers read")
-        ->check(CLI::IsMember({3, 4}))
+        ->check(from_to(3, 4))
         ->capture_default_str();
     c->add_option("--camera", o->avatar.camera,
                   "NAME.avatar: its default camera (default: the most frontal)");

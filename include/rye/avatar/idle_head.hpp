@@ -25,6 +25,7 @@ struct LidCoefficient {
     T most; ///< weight at which the lids are closed, or as wide as they go
 };
 
+/// Coefficients that close lids, and those that open them wide.
 template <class T>
 struct LidCoefficients {
     std::vector<LidCoefficient<T>> blink, wide;

@@ -55,6 +55,7 @@ struct HeadPlace {
     T radius;       ///< nine of ten of them are nearer to the middle
 };
 
+/// Returns where the avatar's head is, from the points of its face.
 template <Real T>
 HeadPlace<T> head_place(const PlayableAvatar<T>& p) {
     const Drivers<T>& d = p.neutral;
