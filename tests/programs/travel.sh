@@ -111,7 +111,8 @@ printf 'gaze_left_pitch,gaze_left_yaw\n5,10\n-5,-10\n' > gaze.csv
 printf 'gaze_left_pitch,gaze_left_yaw\n5,10\n-5,ten\n' > gaze.csv
 refuses "gaze.csv: line 3: column 'gaze_left_yaw': got 'ten'" \
     "$rye" redirect --run "$run" --driving gaze.csv --out never.apng
-refuses "CSV\|.csv" "$rye" redirect --run "$run" --driving small.json --out never.apng
+refuses "small.json: has neither faceBlendshapes" "$rye" redirect --run "$run" --driving small.json --out never.apng
+refuses "CSV\|.csv" "$rye" redirect --run "$run" --driving video.txt --out never.apng
 refuses "as many of both" "$rye" redirect --run "$run" --driving other --cameras path.json \
     --out never.apng
 [ ! -e never.apng ] && [ ! -e never.png ] || fail "a refused command wrote a file"
