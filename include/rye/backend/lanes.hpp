@@ -74,12 +74,14 @@ template <class V>
 struct EightLanes {
     using type = V;
 };
+#ifdef __AVX512F__  // the only vectors of more
 template <class T, class A>
     requires(xsimd::batch<T, A>::size > 8 &&
              !std::is_void_v<typename xsimd::make_sized_batch<T, 8>::type>)
 struct EightLanes<xsimd::batch<T, A>> {
     using type = typename xsimd::make_sized_batch<T, 8>::type;
 };
+#endif
 
 namespace detail {
 

@@ -206,9 +206,9 @@ inline std::vector<GltfPrimitive> gltf_primitives(const GltfFile& file) {
     } else {
         for (std::uint64_t n = 0; n < count; ++n)
             each(file.item("nodes", n, "nodes"), "children", name_of(n),
-                 [&](std::uint64_t child) { is_child[child] = true; });
+                 [&](std::uint64_t child) { is_child[static_cast<std::size_t>(child)] = true; });
         for (std::uint64_t n = 0; n < count; ++n)
-            if (!is_child[n]) open.push_back({n, GltfMatrix::Identity()});
+            if (!is_child[static_cast<std::size_t>(n)]) open.push_back({n, GltfMatrix::Identity()});
     }
     std::reverse(open.begin(), open.end());
     std::vector<GltfPrimitive> list;
@@ -216,8 +216,9 @@ inline std::vector<GltfPrimitive> gltf_primitives(const GltfFile& file) {
         const Reached at = open.back();
         open.pop_back();
         const std::string where = name_of(at.node);
-        require(!seen[at.node], file.who(), where, " is reached twice, expected a tree of nodes");
-        seen[at.node] = true;
+        const auto place = static_cast<std::size_t>(at.node);
+        require(!seen[place], file.who(), where, " is reached twice, expected a tree of nodes");
+        seen[place] = true;
         const JsonValue& node = file.item("nodes", at.node, where);
         const GltfMatrix transform = at.parent * gltf_transform(file, node, where);
         if (node.find("mesh"))
