@@ -22,7 +22,8 @@ constexpr double largest_number = 1e9, most_life = 3600;
 /// Returns the numbers of a field, which has `count` of them; empty if there is no such field.
 std::vector<float> numbers_of(const Json& request, const char* key, Index count) {
     if (!request.contains(key)) return {};
-    const Json& list = json_list(request, key, "draw", "a list of numbers");
+    const std::string who = "draw";
+    const Json& list = json_list(request, key, who, "a list of numbers");
     require(list.size() == static_cast<std::size_t>(count), std::string("draw: ") + key, "got ",
             list.size(), " numbers, expected ", count);
     std::vector<float> numbers;
