@@ -81,27 +81,34 @@ class FollowedRun {
         const fs::file_time_type time = fs::last_write_time(checkpoint_path(run_), fault);
         const std::string words = training_words(run_);
         if (!fault && time != shown_) {
-            try {
-                TrainState state = load_trained(run_);
-                const ShownView view = shown_view(run_, state, {}, "", "");
-                page.show(
-                    viewed_run(std::move(state), view.capture, view.frame, view.camera, wish_));
-                fault_.clear();
-            } catch (const Error& e) {
-                fault_ = e.what();
-            }
+            show(page);
             shown_ = time;
         }
-        if (!page.has_scene())
-            page.say(words.empty() ? "no head has been trained yet" : words + "; no head yet");
-        else
-            page.say(words != first_words_ ? words : "");
+        const bool head = page.has_scene();
+        page.say(!fault_.empty()          ? fault_
+                 : !head && words.empty() ? "no head has been trained yet"
+                 : !head                  ? words + "; no head yet"
+                 : words != first_words_  ? words
+                                          : "");
         if (first_words_.empty()) first_words_ = words;
     }
     /// Returns why the last checkpoint cannot be shown; empty if it can.
     const std::string& fault() const { return fault_; }
 
   private:
+    void show(ViewPage& page) {
+        fault_.clear();
+        try {
+            const TrainState there = load_checkpoint(run_);
+            if (there.stage == Stage::mesh || there.step == 0) return; // no head yet
+            TrainState state = load_trained(run_);
+            const ShownView view = shown_view(run_, state, {}, "", "");
+            page.show(viewed_run(std::move(state), view.capture, view.frame, view.camera, wish_));
+        } catch (const Error& e) {
+            fault_ = e.what();
+        }
+    }
+
     fs::path run_;
     DeviceWish wish_;
     fs::file_time_type shown_ = fs::file_time_type::min();
@@ -194,8 +201,7 @@ void view(const ViewOptions& o) {
     LoopbackServer server(o.port, [&](const WebRequest& r) { return page.answer(r); });
     std::optional<FollowedRun> run;
     page.drive(begin_view(o, page, server, run));
-    if (run && !run->fault().empty() && page.has_scene())
-        std::cerr << "rye: note: " << run->fault() << "\n";
+    if (run && !run->fault().empty()) std::cerr << "rye: note: " << run->fault() << "\n";
     const NotedStops stops;
     std::cout << "open " << server.address() << "\nCtrl-C ends it\n" << std::flush;
     serve(server, page, run ? &*run : nullptr, [&] { return stops.signal() != 0; });
