@@ -111,6 +111,10 @@ printf 'gaze_left_pitch,gaze_left_yaw\n5,10\n-5,-10\n' > gaze.csv
 printf 'gaze_left_pitch,gaze_left_yaw\n5,10\n-5,ten\n' > gaze.csv
 refuses "gaze.csv: line 3: column 'gaze_left_yaw': got 'ten'" \
     "$rye" redirect --run "$run" --driving gaze.csv --out never.apng
+# Eyes alone, by OpenXR's structs: the expression stays.
+printf '{"gaze":[{"gazePose":{"orientation":{"x":0,"y":0,"z":0,"w":1}}},{"gazePose":{"orientation":{"x":0,"y":0,"z":0,"w":1}}}]}' > eyes.json
+"$rye" drivers --run "$run" --driving eyes.json --out eyes.csv > /dev/null 2> said.txt
+grep -q "$(sed -n 2p eyes.csv | cut -d, -f2-20)" drivers.csv || fail "eyes alone changed the expression"
 refuses "small.json: has neither faceBlendshapes" "$rye" redirect --run "$run" --driving small.json --out never.apng
 refuses "CSV\|.csv" "$rye" redirect --run "$run" --driving video.txt --out never.apng
 refuses "as many of both" "$rye" redirect --run "$run" --driving other --cameras path.json \

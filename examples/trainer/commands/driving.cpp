@@ -110,7 +110,7 @@ std::vector<Drivers<float>> tracked_drivers(const DrivingOptions& o, const Train
     begin_at_first(track, o.pose == "relative");
     Retarget retarget(track.names, capture.expression_names, state.config.avatar.expression);
     Drivers<float> rest = own;
-    if (retarget.driven() == 0 && state.config.avatar.expression > 0) {
+    if (!track.names.empty() && retarget.driven() == 0 && state.config.avatar.expression > 0) {
         retarget = Retarget(track.names, fitted_mix(procedural_head(1), capture, "--driving"));
         rest.expression.setZero();
     }

@@ -101,7 +101,7 @@ class FollowedRun {
         try {
             const TrainState there = load_checkpoint(run_);
             if (there.stage == Stage::mesh || there.step == 0) return; // no head yet
-            TrainState state = load_trained(run_);
+            TrainState state = drawn_state(there);
             const ShownView view = shown_view(run_, state, {}, "", "");
             page.show(viewed_run(std::move(state), view.capture, view.frame, view.camera, wish_));
         } catch (const Error& e) {

@@ -9,19 +9,10 @@
 #include <string_view>
 #include <vector>
 
+#include <rye/avatar/idle_head.hpp>
 #include <rye/math/linalg.hpp>
 
 namespace rye::trainer {
-
-/// Returns the letters and digits of a name, in lower case.
-inline std::string plain_name(std::string_view name) {
-    std::string plain;
-    for (const char c : name) {
-        if (c >= 'A' && c <= 'Z') plain += static_cast<char>(c - 'A' + 'a');
-        if ((c >= 'a' && c <= 'z') || (c >= '0' && c <= '9')) plain += c;
-    }
-    return plain;
-}
 
 /// Name without its side: of browDown_L and BrowDownLeft "browdown" and 'l'; 0 for no side.
 struct SidedName {

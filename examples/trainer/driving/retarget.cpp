@@ -52,7 +52,10 @@ Retarget::Retarget(const std::vector<std::string>& tracked, const std::vector<st
         for (const Source& s : list) used[static_cast<std::size_t>(s.tracked)] = true;
         if (list.empty()) undriven += (undriven.empty() ? "" : ", ") + avatar[k];
     }
-    find_looks(tracked, used);
+    find_looks(tracked);
+    for (const auto& eye : looks_)
+        for (const std::optional<Index>& look : eye)
+            if (look) used[static_cast<std::size_t>(*look)] = true;
     words_ = std::to_string(driven()) + " of " + std::to_string(coefficients) +
              " coefficients are driven by name";
     if (avatar.empty() && coefficients > 0) words_ += ": those of the avatar have no names";
@@ -77,23 +80,20 @@ Retarget::Retarget(const std::vector<std::string>& tracked, const ExpressionMix&
         for (std::size_t e = 0; e < sources_.size(); ++e)
             sources_[e].push_back({*i, mix.weights(static_cast<Index>(e), static_cast<Index>(k))});
     }
-    std::vector<bool> used(tracked.size());
-    find_looks(tracked, used);
+    find_looks(tracked);
     words_ = std::to_string(sources_.size()) + " coefficients without names are driven by what " +
              std::to_string(found) + " of the track's move in the landmarks";
 }
 
-void Retarget::find_looks(const std::vector<std::string>& tracked, std::vector<bool>& used) {
+void Retarget::find_looks(const std::vector<std::string>& tracked) {
     std::vector<SidedName> from;
     for (const std::string& name : tracked) from.push_back(sided_name(name));
     const std::array<std::array<const char*, 4>, 2> looks{
         {{"eyelookout", "eyelookin", "eyelookup", "eyelookdown"},
          {"eyelookin", "eyelookout", "eyelookup", "eyelookdown"}}};
     for (std::size_t e = 0; e < 2; ++e)
-        for (std::size_t k = 0; k < 4; ++k) {
+        for (std::size_t k = 0; k < 4; ++k)
             looks_[e][k] = place_of(from, looks[e][k], e == 0 ? 'l' : 'r');
-            if (looks_[e][k]) used[static_cast<std::size_t>(*looks_[e][k])] = true;
-        }
 }
 
 int Retarget::driven() const {

@@ -47,8 +47,8 @@ class Retarget {
         Index tracked;
         double weight;
     };
-    /// Finds the coefficients of looking, and marks them as used.
-    void find_looks(const std::vector<std::string>& tracked, std::vector<bool>& used);
+    /// Finds the coefficients of looking.
+    void find_looks(const std::vector<std::string>& tracked);
     std::vector<std::vector<Source>> sources_; ///< of each of the avatar's coefficients
     /// Looks of the left and the right eye: toward the subject's left and right, up, down.
     std::array<std::array<std::optional<Index>, 4>, 2> looks_;

@@ -18,6 +18,17 @@ namespace rye {
 /// degrees.
 inline constexpr double idle_lid_turn = 0.7;
 
+/// Returns the letters and digits of a name, in lower case: how names are compared that programs
+/// spell differently.
+inline std::string plain_name(std::string_view name) {
+    std::string plain;
+    for (const char c : name) {
+        if (c >= 'A' && c <= 'Z') plain += static_cast<char>(c - 'A' + 'a');
+        if ((c >= 'a' && c <= 'z') || (c >= '0' && c <= '9')) plain += c;
+    }
+    return plain;
+}
+
 /// Coefficient of an expression that moves the lids of an eye.
 template <class T>
 struct LidCoefficient {
@@ -38,12 +49,7 @@ template <class T>
 LidCoefficients<T> lid_coefficients(const std::vector<std::string>& names, const VecX<T>& most) {
     LidCoefficients<T> lids;
     for (std::size_t k = 0; k < names.size(); ++k) {
-        std::string plain;
-        for (const char c : names[k])
-            if (c >= 'A' && c <= 'Z')
-                plain += static_cast<char>(c - 'A' + 'a');
-            else if ((c >= 'a' && c <= 'z') || (c >= '0' && c <= '9'))
-                plain += c;
+        const std::string plain = plain_name(names[k]);
         const bool closes = plain.find("blink") != std::string::npos ||
                             plain.find("eyesclosed") != std::string::npos;
         const auto i = static_cast<Index>(k);
