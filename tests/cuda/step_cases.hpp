@@ -216,6 +216,15 @@ struct StepsOnDevice {
     }
 };
 
+inline AvatarLosses<double> as_double(const AvatarLosses<float>& l) {
+    AvatarLosses<double> r;
+    std::vector<double> all;
+    AvatarLosses<float>::fields([&](const char*, float x) { all.push_back(x); }, l);
+    auto at = all.begin();
+    AvatarLosses<double>::fields([&](const char*, double& x) { x = *at++; }, r);
+    return r;
+}
+
 /// Losses of every step, and the means of gradients after the first, are the host's in double.
 template <class Policy, EffectSet E = AllEffects, class Device>
 void steps_against_host(const Device& device, const CudaQueue& queue, const StepCase& c) {
@@ -272,6 +281,42 @@ void steps_against_host(const Device& device, const CudaQueue& queue, const Step
                 CHECK(relative(own.avatar.delta_view, avatar.delta_view) <= 1e-3);
             }
         }
+}
+
+/// Steps of several pictures are the host's in double.
+template <class Policy, class Device>
+void steps_of_pictures(const Device& device, const CudaQueue& queue, Index pictures) {
+    using E = AllEffects;
+    const StepScene scene({});
+    TwoStream<double, E> avatar = lifted<double>(lifted<float>(scene.avatar));
+    Adam<TwoStream<double, E>> adam(avatar);
+    AvatarTrainer host{ScalarBackend<Serial>{}, avatar, adam, scene.training};
+    StepsOnDevice<Device, Policy, E> own(device, queue, scene);
+    own.trainer->share_steps(queue, {{0, pictures, pictures}});
+    for (std::size_t k = 0; k < scene.draws.size(); k += static_cast<std::size_t>(pictures)) {
+        CAPTURE(k);
+        std::vector<StepDraw> draws;
+        for (std::size_t i = k; i < k + static_cast<std::size_t>(pictures); ++i) {
+            draws.push_back(scene.draws[i]);
+            draws.back().rate = scene.draws[k].rate;
+            const AvatarSample<double, E> sample = scene.sample(draws.back());
+            host.add(sample.drivers, sample, pictures);
+        }
+        const AvatarLosses<double> l = host.take(Alone{}, draws[0].rate).losses;
+        const DeviceStepsReport r = own.run(draws);
+        AvatarLosses<double>::fields(
+            [](const char* name, double x, double y) {
+                CAPTURE(name);
+                CHECK(std::abs(x - y) <= 1e-4 * std::abs(y));
+            },
+            as_double(r.losses), l);
+        CHECK((r.losses.total > 0 && r.bad_field == "" && !r.asked));
+        CHECK(own.adam.step == adam.step);
+        if (k == 0) CHECK(gradients_apart(own.adam.m, adam.m, 1e-5) == "");
+    }
+    CHECK_THROWS_WITH(own.run({scene.draws[0]}),
+                      ("DeviceAvatarTrainer: got 1 draws, expected a multiple of " +
+                       std::to_string(pictures)).c_str());
 }
 
 /// Rows are centred with the host's bits, but not by a step that Adam has not applied.

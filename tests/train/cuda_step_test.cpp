@@ -23,6 +23,43 @@ struct CountingDevice {
     };
 };
 
+/// Returns the scene's draws, twice, in steps of four pictures.
+std::vector<StepDraw> eight_draws(const StepScene& scene) {
+    std::vector<StepDraw> draws(scene.draws.begin(), scene.draws.begin() + 4);
+    draws.insert(draws.end(), scene.draws.begin() + 2, scene.draws.begin() + 6);
+    for (std::size_t i = 0; i < draws.size(); ++i) draws[i].rate = i < 4 ? 1 : 0.9;
+    return draws;
+}
+
+using HostSteps = StepsOnDevice<EmulatedDevice, Fine>;
+
+/// Takes these steps on so many ranks in threads, each with its share of the pictures; `prepare`
+/// is called with each rank's trainer. Returns the steps' owners.
+template <class Prepare>
+std::vector<std::unique_ptr<HostSteps>> on_ranks(int ranks, const StepScene& scene,
+                                                 const Prepare& prepare) {
+    constexpr Index pictures = 4;
+    std::vector<std::unique_ptr<HostSteps>> all(static_cast<std::size_t>(ranks));
+    run_ranks(ranks, [&](ThreadGroup& group) {
+        ThreadRanks end(group);
+        auto& own = all[static_cast<std::size_t>(group.rank())];
+        own = std::make_unique<HostSteps>(EmulatedDevice{}, host_queue, scene);
+        const StepShare share = step_share(pictures, group.rank(), ranks);
+        own->trainer->share_steps(host_queue, {share, &end});
+        prepare(group.rank(), *own->trainer);
+        std::vector<StepDraw> draws;
+        const std::vector<StepDraw> eight = eight_draws(scene);
+        for (Index i = 0; i < static_cast<Index>(eight.size()); ++i)
+            if (const Index k = i % pictures; k >= share.first && k < share.first + share.count)
+                draws.push_back(eight[static_cast<std::size_t>(i)]);
+        const DeviceStepsReport r = own->trainer->run(host_queue, draws, group.rank() == 1);
+        own->trainer->fetch(host_queue, own->avatar, own->adam);
+        REQUIRE(r.steps == 2);
+        REQUIRE(r.asked == (ranks > 1)); // by rank 1
+    });
+    return all;
+}
+
 } // namespace
 
 TEST_CASE("kept graphs: the first work of a kind runs as it is, and others are captured anew") {
@@ -46,6 +83,45 @@ TEST_CASE("cuda, emulated: training steps are the host's") {
     steps_against_host<Fine>(EmulatedDevice{}, host_queue, {});
     steps_against_host<Fine>(EmulatedDevice{PhaseOrder::shuffled}, host_queue,
                              {.measured = false, .scaled = false});
+}
+TEST_CASE("cuda, emulated: steps of several pictures are the host's") {
+    steps_of_pictures<Fine>(EmulatedDevice{}, host_queue, 3);
+}
+TEST_CASE("cuda, emulated: 1, 2 and 4 ranks give the same bits, also if one lacks room for lists") {
+    const StepScene scene({});
+    const auto nothing = [](int, auto&) {};
+    const auto one = on_ranks(1, scene, nothing), two = on_ranks(2, scene, nothing),
+               four = on_ranks(4, scene, [](int rank, auto& trainer) {
+                   if (rank == 2) trainer.frame(0).entry_capacity = 5;
+               });
+    for (const auto& rank : two) CHECK(one[0]->differs(*rank) == "");
+    for (const auto& rank : four) CHECK(one[0]->differs(*rank) == "");
+    CHECK(one[0]->adam.step == 2);
+}
+TEST_CASE("cuda, emulated: sums over ranks, of any number") {
+    for (const int ranks : {1, 2, 3, 5})
+        for (const Index n : {1, 7, 100}) {
+            const auto number = [](int rank, Index i) {
+                return 1.0F / static_cast<float>(1 + 3 * i + 7 * rank);
+            };
+            run_ranks(ranks, [&](ThreadGroup& group) {
+                ThreadRanks end(group);
+                std::vector<float> x(
+                    static_cast<std::size_t>(DeviceRankSum<EmulatedDevice>::room(n, ranks)));
+                for (Index i = 0; i < n; ++i)
+                    x[static_cast<std::size_t>(i)] = number(group.rank(), i);
+                DeviceRankSum<EmulatedDevice>(EmulatedDevice{})
+                    .into(host_queue, end, x.data(), n, RankSum::library); // the tree, of threads
+                for (Index i = 0; i < n; ++i) {
+                    std::vector<float> terms;
+                    for (int r = 0; r < ranks; ++r) terms.push_back(number(r, i));
+                    tree_sum(ranks, [&](int to, int from) {
+                        terms[static_cast<std::size_t>(to)] += terms[static_cast<std::size_t>(from)];
+                    });
+                    REQUIRE(x[static_cast<std::size_t>(i)] == terms[0]);
+                }
+            });
+        }
 }
 TEST_CASE("cuda, emulated: steps that correct gazes and centre corrections") {
     steps_against_host<Fine>(EmulatedDevice{}, host_queue, {.corrected = true});

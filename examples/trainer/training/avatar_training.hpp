@@ -3,6 +3,7 @@
 /// its losses; the same for the CPU and for a device.
 #pragma once
 
+#include <algorithm>
 #include <string>
 #include <utility>
 #include <vector>
@@ -31,20 +32,13 @@ AvatarTraining<Balanced, Perceptual> avatar_training(const TrainState& state) {
     return t;
 }
 
-/// Returns the losses under their names in log.jsonl.
+/// Returns the losses under their names in log.jsonl, the weighted sum first.
 inline std::vector<std::pair<std::string, double>> names_of(const AvatarLosses<float>& l) {
-    return {{"loss", l.total},
-            {"high_resolution", l.high_resolution},
-            {"low_resolution", l.low_resolution},
-            {"perceptual", l.perceptual},
-            {"dssim", l.dssim},
-            {"eye_low", l.eye_low},
-            {"eye_high", l.eye_high},
-            {"blank", l.blank},
-            {"face_alone", l.face_alone},
-            {"eye_smooth", l.eye_smooth},
-            {"face_smooth", l.face_smooth},
-            {"face_mirror", l.face_mirror}};
+    std::vector<std::pair<std::string, double>> all;
+    AvatarLosses<float>::fields(
+        [&](const char* name, float value) { all.emplace_back(name, value); }, l);
+    std::rotate(all.begin(), all.end() - 1, all.end());
+    return all;
 }
 
 } // namespace rye::trainer

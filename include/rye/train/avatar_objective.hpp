@@ -28,6 +28,23 @@ struct AvatarLosses {
     T eye_low = T(0), eye_high = T(0), blank = T(0), face_alone = T(0), eye_smooth = T(0);
     T face_smooth = T(0), face_mirror = T(0);
     T total = T(0);  ///< weighted
+
+    /// Calls f(name, value...) for each term, by its name in logs, and for the total, "loss", last.
+    template <class F, class... L>
+    static void fields(F&& f, L&&... l) {
+        f("high_resolution", l.high_resolution...);
+        f("low_resolution", l.low_resolution...);
+        f("perceptual", l.perceptual...);
+        f("dssim", l.dssim...);
+        f("eye_low", l.eye_low...);
+        f("eye_high", l.eye_high...);
+        f("blank", l.blank...);
+        f("face_alone", l.face_alone...);
+        f("eye_smooth", l.eye_smooth...);
+        f("face_smooth", l.face_smooth...);
+        f("face_mirror", l.face_mirror...);
+        f("loss", l.total...);
+    }
 };
 
 /// Pictures of a step and cotangents of its losses. U: the super-resolution network.

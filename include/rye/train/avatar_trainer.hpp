@@ -3,6 +3,9 @@
 /// differentiates and takes a step of Adam.
 ///     AvatarTrainer trainer{backend, avatar, adam, {.config = config, .roles = roles}};
 ///     for (const auto& sample : samples) trainer.step(sample);
+/// or, with several pictures a step, by one rank or by several (train/group.hpp):
+///     for (const auto& sample : own) trainer.add(sample.drivers, sample, all);
+///     trainer.take(group);
 /// Source: paper section 4.2.
 #pragma once
 
@@ -17,6 +20,7 @@
 #include <rye/train/avatar_objective.hpp>
 #include <rye/train/centring.hpp>
 #include <rye/train/face_smoothness.hpp>
+#include <rye/train/group.hpp>
 #include <rye/train/view_gauge.hpp>
 
 namespace rye {
@@ -100,46 +104,33 @@ class AvatarTrainer {
     template <class Probe = NoProbe>
     AvatarStepReport<T> step(const Drivers<T, E>& drivers, const AvatarImages<T>& images,
                              double rate = 1, Probe&& probe = {}) {
-        AvatarStepReport<T> r{losses(drivers, images, probe), {}};
-        set_zero(backend.threads, gradient_);
-        const AvatarLossConfig& weights = training_.objective.weights;
-        if constexpr (smooths_driven)
-            if (weights.eye_smooth > 0) {
-                const Index all = avatar_.eyes.position.cols();
-                LossGradient<T> term = smoothness<T>(
-                    backend.threads, Columns<T>(trace_.gaussians.feature.rightCols(all)),
-                    neighbours_, neighbour_of_);
-                driven_smoothness_ = T(weights.eye_smooth) * term.gradient;
-                r.losses.eye_smooth = term.value;
-                r.losses.total += T(weights.eye_smooth) * term.value;
-            }
-        add_gradient(drivers, images, gradient_, probe);
-        if constexpr (smooths)
-            if (weights.eye_smooth > 0) {
-                const LossGradient<T> term =
-                    smoothness(backend.threads, avatar_.eyes.feature, neighbours_, neighbour_of_);
-                gradient_.eyes.feature += T(weights.eye_smooth) * term.gradient;
-                r.losses.eye_smooth = term.value;
-                r.losses.total += T(weights.eye_smooth) * term.value;
-            }
-        if constexpr (Real<T>)
-            face_smoothness_.add(backend.threads, face_features(avatar_.face), r.losses,
-                                 face_features(gradient_.face));
-        r.adam = adam_step(backend, avatar_, gradient_, adam_, [&](const std::string& name) {
-            if constexpr (requires { training_.rates.first_step(name); })
-                if (adam_.step < training_.rates.first_step(name)) return 0.0;
-            return rate * training_.rates(name);
-        });
-        if (r.adam.applied) centre();
-        if (training_.bounds.growth > 0)
-            bound_scales(avatar_.eyes, T(training_.bounds.growth), T(training_.bounds.thickness));
-        probe("optimiser");
-        return r;
+        const AvatarLosses<T> l = losses_and_gradient(drivers, images, probe);
+        return follow(gradient_, l, rate, probe);
     }
     template <class Probe = NoProbe>
     AvatarStepReport<T> step(const AvatarSample<T, E>& sample, double rate = 1,
                              Probe&& probe = {}) {
         return step(sample.drivers, sample, rate, probe);
+    }
+
+    /// Adds a picture to the step under way, which take() takes: losses and gradient are means over
+    /// `all` pictures, of all ranks, each of which adds its step_share() in order.
+    template <class Probe = NoProbe>
+    void add(const Drivers<T, E>& drivers, const AvatarImages<T>& images, Index all,
+             Probe&& probe = {}) {
+        const AvatarLosses<T> l = losses_and_gradient(drivers, images, probe);
+        sums_.add(gradient_, l, T(1) / T(all));
+        probe("sum of pictures");
+    }
+    /// Takes the step of the pictures that were added; every rank of the group calls it, and has
+    /// the same avatar afterwards.
+    template <class G = Alone, class Probe = NoProbe>
+        requires Group<std::remove_cvref_t<G>>
+    AvatarStepReport<T> take(G&& group = {}, double rate = 1, Probe&& probe = {}) {
+        require(sums_.count() > 0, "AvatarTrainer", "a step without a picture");
+        const auto [gradient, l] = sums_.template close<T>(group);
+        probe("sum of ranks");
+        return follow(gradient, l, rate, probe);
     }
 
     /// Returns the losses of the avatar at its current parameters, without smoothness of eyes and
@@ -185,6 +176,55 @@ class AvatarTrainer {
     const AvatarPictures<T, UpsamplerOf<T, E>>& pictures() const { return pictures_; }
 
   private:
+    /// Returns the losses of a picture, and their gradient in gradient_.
+    template <class Probe>
+    AvatarLosses<T> losses_and_gradient(const Drivers<T, E>& drivers,
+                                        const AvatarImages<T>& images, Probe&& probe) {
+        AvatarLosses<T> l = losses(drivers, images, probe);
+        set_zero(backend.threads, gradient_);
+        const AvatarLossConfig& weights = training_.objective.weights;
+        if constexpr (smooths_driven)
+            if (weights.eye_smooth > 0) {
+                const Index all = avatar_.eyes.position.cols();
+                LossGradient<T> term = smoothness<T>(
+                    backend.threads, Columns<T>(trace_.gaussians.feature.rightCols(all)),
+                    neighbours_, neighbour_of_);
+                driven_smoothness_ = T(weights.eye_smooth) * term.gradient;
+                l.eye_smooth = term.value;
+                l.total += T(weights.eye_smooth) * term.value;
+            }
+        add_gradient(drivers, images, gradient_, probe);
+        if constexpr (smooths)
+            if (weights.eye_smooth > 0) {
+                const LossGradient<T> term =
+                    smoothness(backend.threads, avatar_.eyes.feature, neighbours_, neighbour_of_);
+                gradient_.eyes.feature += T(weights.eye_smooth) * term.gradient;
+                l.eye_smooth = term.value;
+                l.total += T(weights.eye_smooth) * term.value;
+            }
+        if constexpr (Real<T>)
+            face_smoothness_.add(backend.threads, face_features(avatar_.face), l,
+                                 face_features(gradient_.face));
+        return l;
+    }
+
+    /// Takes a step of the optimiser by a gradient.
+    template <class Probe>
+    AvatarStepReport<T> follow(const Avatar& gradient, const AvatarLosses<T>& l, double rate,
+                               Probe&& probe) {
+        AvatarStepReport<T> r{l, {}};
+        r.adam = adam_step(backend, avatar_, gradient, adam_, [&](const std::string& name) {
+            if constexpr (requires { training_.rates.first_step(name); })
+                if (adam_.step < training_.rates.first_step(name)) return 0.0;
+            return rate * training_.rates(name);
+        });
+        if (r.adam.applied) centre();
+        if (training_.bounds.growth > 0)
+            bound_scales(avatar_.eyes, T(training_.bounds.growth), T(training_.bounds.thickness));
+        probe("optimiser");
+        return r;
+    }
+
     /// True if the smoothness is that of parameters, since features are constants; if false it is
     /// that of the frame's generated features.
     static constexpr bool smooths = requires(const Avatar& a) { a.eyes.feature; } && Real<T>;
@@ -228,6 +268,7 @@ class AvatarTrainer {
     Adam<Avatar>& adam_;
     AvatarTraining<A, Perceptual, Rates> training_;
     Avatar gradient_;
+    StepSums<Avatar, AvatarLosses<T>> sums_; ///< of a step of several pictures
     TwoStreamTrace<T, E> trace_;
     AvatarPictures<T, UpsamplerOf<T, E>> pictures_;
     NeighbourGraph neighbours_;  ///< for both eyeballs' points, if their colours are smoothed

@@ -215,19 +215,24 @@ class DeviceAdam {
     void step_into(const CudaQueue& queue, const Resident<P, Device>& parameters,
                    const Resident<P, Device>& gradient,
                    const DeviceAdamControl* control = nullptr) {
+        RYE_ASSERT(&gradient.layout() == &m.layout(), "DeviceAdam: gradient of another layout");
+        step_into(queue, parameters, gradient.data(), control);
+    }
+    /// Does the same by the numbers of a gradient of the same layout.
+    void step_into(const CudaQueue& queue, const Resident<P, Device>& parameters,
+                   const float* gradient, const DeviceAdamControl* control = nullptr) {
         RYE_ASSERT(sent_, "DeviceAdam: rates were not set");
-        RYE_ASSERT(&parameters.layout() == &m.layout() && &gradient.layout() == &m.layout(),
-                   "DeviceAdam: parameters and gradient are of another layout");
+        RYE_ASSERT(&parameters.layout() == &m.layout(), "DeviceAdam: parameters of another layout");
         device_.fill(queue, state_.data(), 0, sizeof(std::uint32_t)); // `bad`
         device_.launch(
             queue, ranges_,
-            AdamCheckKernel{field_.data(), range_.data(), gradient.data(), state_.data()});
+            AdamCheckKernel{field_.data(), range_.data(), gradient, state_.data()});
         device_.launch(queue, 1,
                        AdamScheduleKernel{config_, field_.data(), static_cast<int>(fields_.size()),
                                           state_.data(), control});
         device_.launch(queue, ranges_,
                        AdamStepKernel{config_, field_.data(), range_.data(), state_.data(),
-                                      gradient.data(), parameters.data(), m.data(), v.data()});
+                                      gradient, parameters.data(), m.data(), v.data()});
     }
 
     /// Returns the report of the last step. Waits.

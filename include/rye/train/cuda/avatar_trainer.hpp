@@ -9,7 +9,6 @@
 /// build gives the same bits for any division of the steps into runs.
 #pragma once
 
-#include <iterator>
 #include <memory>
 #include <string>
 #include <tuple>
@@ -25,6 +24,7 @@
 #include <rye/train/cuda/image_losses.hpp>
 #include <rye/train/cuda/smoothness_terms.hpp>
 #include <rye/train/cuda/step_images.hpp>
+#include <rye/train/cuda/step_sums.hpp>
 #include <rye/train/cuda/trainer_policy.hpp>
 
 namespace rye {
@@ -59,7 +59,8 @@ class DeviceAvatarTrainer {
           losses_(device, weights_, perceptual),
           smoothness_(device),
           channels_(from.avatar.upsampler.shape.in_channels),
-          centring_(device, queue, from.avatar, training) {
+          centring_(device, queue, from.avatar, training),
+          sums_(device) {
         upsampler_.keep_planes = true;
         for (auto& f : frame_) f = std::make_unique<DeviceFrame<Device>>(device);
         adam_.send(queue, from.adam);
@@ -92,18 +93,39 @@ class DeviceAvatarTrainer {
         return views_.add(queue, view, avatar_.packed(drivers, view.frame, view.view));
     }
 
+    /// Shares steps: from now on each takes group.share.count draws of run(), and its losses and
+    /// gradient are means over group.share.all pictures of all ranks. To be called before the first
+    /// step.
+    void share_steps(const CudaQueue& queue, const DeviceStepGroup& group) {
+        group_ = group;
+        if (!group.single()) sums_.set(queue, group, avatar_.layout().size());
+    }
+
     /// Takes the steps of these draws in order; waits once for all of them, and again only if
-    /// memory must grow. Throws an Error for a view that does not exist.
-    DeviceStepsReport run(const CudaQueue& queue, const std::vector<StepDraw>& draws) {
+    /// memory must grow. Every rank of a group calls it for as many steps. ask: true to ask all
+    /// ranks to stop. Throws an Error for a view that does not exist, and if another rank has ended.
+    DeviceStepsReport run(const CudaQueue& queue, const std::vector<StepDraw>& draws,
+                          bool ask = false) {
         if (draws.empty()) return report();
+        const auto pictures = static_cast<std::size_t>(group_.share.count);
+        require(draws.size() % pictures == 0, "DeviceAvatarTrainer", "got ", draws.size(),
+                " draws, expected a multiple of ", pictures);
         send_rows(queue, draws);
         here_.taken = 0;
+        here_.picture = 0;
+        here_.ask = ask ? 1 : 0;
         for (Index waited = 0;; ++waited) {
             forget_room();
             send_state(queue);
-            for (std::size_t i = static_cast<std::size_t>(here_.taken); i < draws.size(); ++i)
+            for (std::size_t i = static_cast<std::size_t>(here_.taken) * pictures; i < draws.size();
+                 ++i) {
                 launch(queue, draws[i], static_cast<Index>(draws.size()));
+                if (group_.single()) continue;
+                sums_.add_into(queue, gradient_.data(), losses_.report(), state_.data());
+                if ((i + 1) % pictures == 0) step_end(queue);
+            }
             device_.fetch(queue, &here_, state_.data(), sizeof here_);
+            if (group_.ranks != nullptr) group_.ranks->check();
             if (here_.control.stop == 0) break;
             require(waited < most_waits, "DeviceAvatarTrainer", "room for lists was made ",
                     most_waits, " times for one run of steps, expected fewer");
@@ -131,7 +153,7 @@ class DeviceAvatarTrainer {
                           smoothness_.bytes() + losses_.bytes() + part_[0].bytes() +
                           part_[1].bytes() + colours_.bytes() + images_.bytes() + white_.bytes() +
                           most_.bytes() + centring_.bytes() + state_.bytes() + numbers_.bytes() +
-                          rows_.bytes();
+                          rows_.bytes() + sums_.bytes();
         for (const auto& f : frame_) sum += f->bytes();
         return sum;
     }
@@ -149,14 +171,12 @@ class DeviceAvatarTrainer {
     DeviceStepsReport report() const {
         DeviceStepsReport r;
         const LossReport& l = here_.losses;
-        float* const to[] = {
-            &r.losses.high_resolution, &r.losses.low_resolution, &r.losses.perceptual,
-            &r.losses.dssim,           &r.losses.eye_low,        &r.losses.eye_high,
-            &r.losses.blank,           &r.losses.face_alone,     &r.losses.eye_smooth,
-            &r.losses.face_smooth,     &r.losses.face_mirror};
-        for (std::size_t k = 0; k < std::size(to); ++k) *to[k] = l.value[k];
+        int k = 0; // in the order of the terms, the total last
+        AvatarLosses<float>::fields([&](const char*, float& value) { value = l.value[k++]; },
+                                    r.losses);
         r.losses.total = l.total;
         r.steps = steps_;
+        r.asked = here_.asked != 0;
         r.refused_in_a_row = static_cast<Index>(here_.refused);
         if (here_.refused > 0)
             r.bad_field = avatar_.layout().slices()[static_cast<std::size_t>(here_.bad)].name;
@@ -206,13 +226,13 @@ class DeviceAvatarTrainer {
         return {d.eyes_high, d.scaled, numbers};
     }
 
-    /// Enqueues a step.
+    /// Enqueues the work of a picture, and a step's end if it has no other picture.
     void put(const CudaQueue& queue, const StepDraw& d, Index rows) {
         const Host& host = avatar_.shapes();
         DeviceStepNumbers* const numbers = numbers_.data();
         device_.launch(
             queue, 1,
-            BeginStepKernel{rows_.data(), rows, places_, state_.data(), numbers, avatar_.drivers(),
+            BeginStepKernel{rows_.data(), rows, group_.share.count, places_, state_.data(), numbers, avatar_.drivers(),
                             static_cast<int>(avatar_.driver_places().size)});
         const DeviceStepPictures* truth = nullptr;
         const DeviceStepImages p = images_.of(queue, views_, channels_, d.eyes_high);
@@ -242,8 +262,8 @@ class DeviceAvatarTrainer {
         compare(queue, d, p, *truth);
         end_part(queue, "losses");
         back(queue, d, p, r);
-        step_end(queue);
-        end_part(queue, "optimiser");
+        look_at_room(queue);
+        if (group_.single()) step_end(queue);
     }
     void end_part(const CudaQueue& queue, const char* name) const {
         if constexpr (ProbedDevice<Device>) device_.probe(queue, name);
@@ -351,14 +371,21 @@ class DeviceAvatarTrainer {
         avatar_.vjp_into(queue, gradient_);
         end_part(queue, "drive, back");
     }
-    /// Enqueues the optimiser's step, the centring of corrections, the bounds and the counts.
-    void step_end(const CudaQueue& queue) {
+    /// Enqueues the stop of a step whose lists had no room.
+    void look_at_room(const CudaQueue& queue) {
         RoomKernel room{{}, avatar_.rooms(), state_.data()};
         for (std::size_t k = 0; k < step_renders; ++k)
             room.render[k] = {frame_[k]->m.report, frame_[k]->m.entries, frame_[k]->m.groups};
         device_.launch(queue, 1, room);
+    }
+    /// Enqueues a step's sums, the optimiser's step, the centring of corrections, the bounds and the
+    /// counts.
+    void step_end(const CudaQueue& queue) {
         const DeviceAdamControl* const control = &state_.data()->control;
-        adam_.step_into(queue, avatar_.parameters(), gradient_, control);
+        const float* const gradient = group_.single()
+                                          ? gradient_.data()
+                                          : sums_.close_into(queue, state_.data());
+        adam_.step_into(queue, avatar_.parameters(), gradient, control);
         const Host& host = avatar_.shapes();
         centring_.into(queue, adam_.state(), host, avatar_.parameters());
         if (most_.size() > 0) {
@@ -366,7 +393,9 @@ class DeviceAvatarTrainer {
             launch_each(device_, queue, scales.size(),
                         BoundNumbers{control, most_.data(), scales.data});
         }
-        device_.launch(queue, 1, EndStepKernel{adam_.state(), losses_.report(), state_.data()});
+        const LossReport* const losses = group_.single() ? losses_.report() : sums_.losses();
+        device_.launch(queue, 1, EndStepKernel{adam_.state(), losses, state_.data()});
+        end_part(queue, "optimiser");
     }
 
     Device device_;
@@ -384,6 +413,8 @@ class DeviceAvatarTrainer {
     DeviceSmoothnessTerms<E, Device> smoothness_;
     Index channels_;            ///< channels of a render
     DeviceCentring<E, Device> centring_;
+    DeviceStepGroup group_;
+    DeviceStepSums<Device> sums_; ///< of steps of several pictures or ranks
     DeviceCloudBuffer part_[2]; ///< gradients of the face's and of the eyes' render
     DeviceStepImageMemory images_;
     DeviceBuffer<float> colours_, white_, most_;

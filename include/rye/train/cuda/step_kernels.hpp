@@ -30,6 +30,8 @@ struct DeviceStepState {
     std::uint32_t groups[step_renders] = {};
     std::uint32_t listed[4] = {};
     LossReport losses; ///< of the last step taken
+    std::int64_t picture = 0;         ///< pictures of the current step so far
+    std::uint32_t ask = 0, asked = 0; ///< 1 if this rank asks to stop; if any rank did
 };
 
 /// Draw of the current step, in device memory.
@@ -52,7 +54,7 @@ struct BeginStepKernel {
     static constexpr int threads = 128, blocks = 1;
     struct Shared {};
     const DeviceStepRow* row;
-    Index rows;
+    Index rows, pictures; ///< rows of the table; rows of a step
     const DeviceViewPlace* view;
     DeviceStepState* state;
     DeviceStepNumbers* numbers;
@@ -63,7 +65,7 @@ struct BeginStepKernel {
     RYE_DEVICE void operator()(Block& block, Shared&) const {
         block.each_thread([&](int t) {
             // A step that waits for memory may be past the last row: it changes nothing.
-            const Index at = rye::min(Index(state->taken), rows - 1);
+            const Index at = rye::min(Index(state->taken * pictures + state->picture), rows - 1);
             const DeviceStepRow& own = row[at];
             const DeviceViewPlace& place = view[own.view];
             for (int k = t; k < driver_numbers; k += threads) drivers[k] = place.drivers[k];

@@ -43,6 +43,7 @@ struct DeviceStepsReport {
     Index steps = 0;            ///< taken since the trainer was made, including refused ones
     Index refused_in_a_row = 0; ///< for a gradient that is not finite; such steps change nothing
     std::string bad_field;      ///< field of the last step's bad gradient, if it was refused
+    bool asked = false;         ///< true if a rank asked all of them to stop
 };
 
 } // namespace rye
