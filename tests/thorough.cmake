@@ -109,6 +109,9 @@ if(TARGET rye_program)
   rye_check(train_on_device programs/device.sh $<TARGET_FILE:rye_program>
             $<TARGET_FILE:rye_emulated> ${CMAKE_CURRENT_BINARY_DIR}/train_on_device)
   set_tests_properties(train_on_device PROPERTIES TIMEOUT 1800)
+  rye_check(ranks programs/ranks.sh $<TARGET_FILE:rye_program> $<TARGET_FILE:rye_emulated>
+            ${CMAKE_CURRENT_BINARY_DIR}/ranks)
+  set_tests_properties(ranks PROPERTIES TIMEOUT 1200)
   rye_check(density programs/density.sh $<TARGET_FILE:rye_program> $<TARGET_FILE:rye_emulated>
             ${CMAKE_CURRENT_BINARY_DIR}/density)
   set_tests_properties(density PROPERTIES TIMEOUT 600)

@@ -21,6 +21,10 @@ struct HostMachine {
     HostMemory memory;
 
     static CudaStream stream() { return nullptr; }
+    static std::unique_ptr<DeviceRanks> join(Ranks& ranks) {
+        return std::make_unique<ThreadRanks>(*ranks.threads());
+    }
+    static std::unique_ptr<RankWatch> watch(Ranks&, DeviceRanks&) { return nullptr; }
 };
 
 template <EffectSet E>
@@ -43,6 +47,8 @@ DeviceFinding find_device() {
     const double free = bytes != nullptr ? std::strtod(bytes, nullptr) : 1e9;
     return {true, DeviceFacts{"an emulated device", free, 1e9}, ""};
 }
+void use_device(int) {}
+int device_count() { return 64; }
 
 template <>
 std::unique_ptr<DeviceEngine<TrainEffects>> device_engine<TrainEffects>(const Avatar& avatar,

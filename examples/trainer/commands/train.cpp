@@ -37,6 +37,7 @@
 #include "training/draws.hpp"
 #include "training/mesh_networks.hpp"
 #include "training/one_camera.hpp"
+#include "training/process_ranks.hpp"
 #include "training/run_folder.hpp"
 #include "training/run_size.hpp"
 #include "training/steps.hpp"
@@ -61,6 +62,8 @@ struct TrainOptions {
     bool json = false;
     int threads = 0;
     int view = -1; ///< port of a view of the training; 0: a free one, -1: none
+    std::string ranks = "1"; ///< number of them in this process, or a launcher of theirs
+    std::string rank_sum = "tree";
     std::optional<std::string> seed;  // as text: the option parser would accept -3 and 1e23
     std::optional<std::int64_t> steps;
 };
@@ -73,70 +76,102 @@ constexpr Index log_every = 20;  ///< steps between lines of log.jsonl
 /// Number of steps in a row, skipped for a non-finite gradient, that ends the run.
 constexpr int max_skipped_steps = 20;
 
+/// Applies --steps, within the bounds of the configuration file.
+void take_steps(const TrainOptions& o, TrainConfig& config) {
+    if (o.steps) from_json({{"gaussians", {{"steps", *o.steps}}}}, "--steps", config);
+}
+
 /// Trainer of one run.
 class Trainer {
   public:
-    /// on: device for stage 2; none: the CPU.
+    /// on: device for stage 2; none: the CPU. ranks: null for one.
     Trainer(const TrainOptions& options, std::optional<DeviceFacts> on, Capture capture,
-            TrainState state, Beginning beginning)
+            TrainState state, Beginning beginning, Ranks* ranks)
         : options_(options),
           device_(std::move(on)),
           capture_(std::move(capture)),
           state_(std::move(state)),
           random_{state_.config.seed, 0},
           grid_(make_lattice(state_)),
-          folder_(options.out, state_, beginning, &capture_) {}
+          ranks_(ranks) {
+        if (first_of(ranks)) folder_.emplace(options.out, state_, beginning, &capture_);
+    }
 
-    /// Writes the checkpoint of the current state.
-    void save() { folder_.save(state_); }
-    /// Writes a line of the log.
-    void log(const Json& line) { folder_.log(line); }
+    /// Writes the checkpoint of the current state, on rank 0.
+    void save() { save(state_); }
+    void save(const TrainState& state) {
+        if (folder_) folder_->save(state);
+    }
+    /// Writes a line of the log, on rank 0.
+    void log(const Json& line) {
+        if (folder_) folder_->log(line);
+    }
     /// Continues as if stage 1 were done, with the mesh of `run`.
     void begin_after(const std::filesystem::path& run) {
         has_mesh_ = true;
         TrainState after;
         after.stage = Stage::avatar;
         int damaged = 0;
-        folder_.log_lines(kept_log(run / "log.jsonl", after, damaged));
+        if (folder_) folder_->log_lines(kept_log(run / "log.jsonl", after, damaged));
         if (!quiet(options_)) std::cout << "stage 1 is that of " << run.string() << "\n";
     }
 
     /// Trains; returns true if the run is complete, false if it was stopped.
     bool run() {
-        if (state_.stage == Stage::mesh) {
+        if (!first_of(ranks_)) {
+            follow_stage_one();
+        } else if (state_.stage == Stage::mesh) {
             if (!has_mesh_) {
                 if (!train_mesh()) return false;
                 fit_to_landmarks();
             }
             const AvatarSize size = begin_avatar(state_, grid_);
-            folder_.save(state_);
+            save();
             if (!quiet(options_))
                 std::cout << "stage 2 begins with " << size.face << " face and " << size.eyes
                           << " eye Gaussians\n";
         }
+        if (ranks_ != nullptr && first_of(ranks_))
+            ranks_->given("stage 2 of " + std::to_string(state_.step));
         return device_ ? train_avatar_on_device() : train_avatar();
     }
     const TrainState& state() const { return state_; }
 
   private:
+    /// Waits until rank 0 has trained stage 1, and goes on from the checkpoint that it wrote.
+    void follow_stage_one() {
+        const std::string there = ranks_->given("");
+        const Columns<double> directions = state_.view_directions;
+        state_ = load_checkpoint(options_.out);
+        take_steps(options_, state_.config);
+        state_.view_directions = directions;
+        const std::string here = "stage 2 of " + std::to_string(state_.step);
+        require(state_.stage == Stage::avatar && here == there, options_.out.string(),
+                "rank ", ranks_->rank(), " read ", here, ", rank 0 has ", there,
+                ": the ranks do not see the same folder");
+    }
+
     void check_applied(const StepReport& report, const char* stage) {
         skipped_ = report.refused             ? static_cast<int>(*report.refused)
                    : report.bad_field.empty() ? 0
                                               : skipped_ + 1;
         if (skipped_ == 0) return;
-        folder_.log({{"stage", stage}, {"step", state_.step}, {"skipped", report.bad_field}});
+        log({{"stage", stage}, {"step", state_.step}, {"skipped", report.bad_field}});
         require(skipped_ < max_skipped_steps, options_.out.string(), "the gradient of '",
                 report.bad_field, "' was not finite ", skipped_, " times in a row at step ",
                 state_.step, "; the last checkpoint is sound");
     }
 
     bool stopped() {
-        if (stop_requested == 0) return false;
-        folder_.save(state_);
+        bool stop = stop_requested != 0;
+        if (ranks_ != nullptr && state_.stage == Stage::avatar) stop = ranks_->threads()->any(stop);
+        if (!stop) return false;
+        save();
         tell_stopped();
         return true;
     }
     void tell_stopped() const {
+        if (!first_of(ranks_)) return;
         std::cout << "\nstopped; the checkpoint is saved. Go on with\n  rye train --capture "
                   << capture_.folder.string() << " --out " << options_.out.string()
                   << " --resume\n";
@@ -177,8 +212,7 @@ class Trainer {
             check_applied(report, "mesh");
             tell("mesh", report, progress, state_.step == total);
             if (stopped()) return false;
-            if (state_.step % state_.config.gaussians.checkpoint_every == 0)
-                folder_.save(state_);
+            if (state_.step % state_.config.gaussians.checkpoint_every == 0) save();
         }
         return true;
     }
@@ -186,10 +220,10 @@ class Trainer {
     void fit_to_landmarks() {
         if (state_.config.mesh.fit_steps == 0) return;
         const FittedLandmarks left = fit_landmarks(state_, capture_);
-        folder_.log({{"stage", "mesh"},
-                     {"step", state_.step},
-                     {"landmark_rms", left.rms},
-                     {"landmark_noise", left.noise}});
+        log({{"stage", "mesh"},
+             {"step", state_.step},
+             {"landmark_rms", left.rms},
+             {"landmark_noise", left.noise}});
         if (quiet(options_)) return;
         std::cout << brief("landmarks of all frames fitted: landmark_rms", left.rms);
         if (left.noise > 0)
@@ -204,7 +238,7 @@ class Trainer {
             Json line = {{"stage", stage}, {"step", state_.step}};
             for (const auto& [name, value] : report.losses) line[name] = value;
             if (report.vertices > 0) line["vertices"] = report.vertices;
-            folder_.log(line);
+            log(line);
         }
         std::vector<std::string> shown;
         for (const auto& [name, value] : report.losses) shown.push_back(brief(name, value));
@@ -215,14 +249,28 @@ class Trainer {
         const AvatarTrainConfig& g = state_.config.gaussians;
         const SampleDraws draws(capture_, state_.config);
         const Index total = draws.total();
+        const StepShare share = share_of(state_.config, ranks_);
         std::unique_ptr<AvatarSteps> steps = avatar_steps(state_, options_.perceptual_weights);
         Progress progress("stage 2", total, quiet(options_));
         while (state_.step < total) {
             probe_.start();
-            const SampleDraw draw = draws(state_.step);
-            const AvatarSample<float> sample = sample_of(capture_, state_.config, draw);
+            const SampleDraw first = draws(state_.step, share.first);
+            AvatarSample<float> sample = sample_of(capture_, state_.config, first);
             probe_("data");
-            const StepReport report = steps->step(state_, sample, draw.rate, std::ref(probe_));
+            StepReport report;
+            if (share.all == 1) {
+                report = steps->step(state_, sample, first.rate, std::ref(probe_));
+            } else {
+                steps->add(sample, share.all, std::ref(probe_));
+                for (Index k = 1; k < share.count; ++k) {
+                    sample =
+                        sample_of(capture_, state_.config, draws(state_.step, share.first + k));
+                    probe_("data");
+                    steps->add(sample, share.all, std::ref(probe_));
+                }
+                report = steps->take(state_, ranks_ == nullptr ? nullptr : ranks_->threads(),
+                                     first.rate, std::ref(probe_));
+            }
             check_applied(report, "avatar");
             const bool last = state_.step == total;
             tell("avatar", report, progress, last);
@@ -232,10 +280,10 @@ class Trainer {
                 steps = avatar_steps(state_, options_.perceptual_weights);
                 probe_("density");
             }
-            if (g.panel_every > 0 && (state_.step % g.panel_every == 0 || last))
+            if (folder_ && g.panel_every > 0 && (state_.step % g.panel_every == 0 || last))
                 write_panel(state_, sample);
             if (stopped()) return false;
-            if (state_.step % g.checkpoint_every == 0 || last) folder_.save(state_);
+            if (state_.step % g.checkpoint_every == 0 || last) save();
         }
         tell_density();
         return true;
@@ -245,11 +293,11 @@ class Trainer {
     /// state: a checkpoint of this step has the change.
     void change_density() {
         const DensityChange c = change_face(state_);
-        folder_.log({{"stage", "avatar"},
-                     {"step", state_.step},
-                     {"grown", c.grown},
-                     {"pruned", c.pruned},
-                     {"face", c.face}});
+        log({{"stage", "avatar"},
+             {"step", state_.step},
+             {"grown", c.grown},
+             {"pruned", c.pruned},
+             {"face", c.face}});
         ++changes_;
         changed_.grown += c.grown;
         changed_.pruned += c.pruned;
@@ -270,8 +318,10 @@ class Trainer {
         const Index total = draws.total();
         if (state_.step >= total) return true;
         require_room_on_device();
+        const StepShare share = share_of(state_.config, ranks_);
         const std::unique_ptr<DeviceSteps> steps =
-            device_steps(state_, capture_, options_.perceptual_weights);
+            device_steps(state_, capture_, options_.perceptual_weights,
+                         {ranks_, options_.rank_sum == "tree" ? RankSum::tree : RankSum::library});
         TrainState copy = state_; // read by the thread; outlives it
         WorkBeside files("rye train");
         Progress progress("stage 2", total, quiet(options_));
@@ -279,16 +329,21 @@ class Trainer {
             probe_.start();
             std::vector<SampleDraw> chunk;
             const Index end = chunk_end(state_.step, total, log_every, g);
-            for (Index step = state_.step; step < end; ++step) chunk.push_back(draws(step));
+            for (Index step = state_.step; step < end; ++step)
+                for (Index k = 0; k < share.count; ++k)
+                    chunk.push_back(draws(step, share.first + k));
             probe_("data");
-            const StepReport report = steps->run(state_, chunk);
+            const Index before = state_.step;
+            const StepReport report = steps->run(state_, chunk, stop_requested != 0);
             probe_("steps on the device");
             files.check();
             check_applied(report, "avatar");
-            const bool last = state_.step == total, stop = stop_requested != 0;
-            const bool shows = g.panel_every > 0 && (state_.step % g.panel_every == 0 || last);
-            const bool saves = state_.step % g.checkpoint_every == 0 || last;
-            tell("avatar", report, progress, last, static_cast<Index>(chunk.size()));
+            const bool last = state_.step == total;
+            const bool stop = ranks_ != nullptr ? report.asked : stop_requested != 0;
+            const bool shows = folder_ && g.panel_every > 0 &&
+                               (state_.step % g.panel_every == 0 || last);
+            const bool saves = folder_ && (state_.step % g.checkpoint_every == 0 || last);
+            tell("avatar", report, progress, last, state_.step - before);
             if (density_due(g.density, state_.step, total)) {
                 files.wait();
                 steps->fetch(state_);
@@ -307,7 +362,7 @@ class Trainer {
             if (shows) shown = sample_of(capture_, state_.config, chunk.back());
             files.start([this, &copy, shown, saves, stop] {
                 if (shown) write_panel(copy, *shown);
-                if (saves || stop) folder_.save(copy);
+                if (saves || stop) save(copy);
             });
             if (!stop) continue;
             files.wait();
@@ -332,6 +387,7 @@ class Trainer {
     void require_room_on_device() {
         DeviceSizes sizes = device_sizes(state_, capture_);
         sizes.lpips = !options_.perceptual_weights.empty();
+        sizes.gradients = gradients_of(state_.config, ranks_);
         const DeviceNeed need = device_need(state_.config, sizes);
         stated_ = need.sum();
         if (!quiet(options_)) std::cout << "stage 2 needs " << text_of(need) << "\n" << std::flush;
@@ -344,7 +400,7 @@ class Trainer {
         const std::string number = std::to_string(state.step);
         const std::string name = "step_" + std::string(7 - std::min<std::size_t>(7, number.size()), '0') +
                                  number + ".png";
-        folder_.panel(name, [&] {
+        folder_->panel(name, [&] {
             const int factor = 1 << state.config.gaussians.upsampler.doublings;
             const Pinhole<float> full = scaled(sample.camera, factor);
             const AvatarView v =
@@ -362,7 +418,8 @@ class Trainer {
     TrainState state_;
     Random random_;
     TetGrid<float> grid_;
-    RunFolder folder_;
+    Ranks* ranks_;                    ///< null: one
+    std::optional<RunFolder> folder_; ///< of rank 0
     TimeProbe probe_;
     int skipped_ = 0;
     bool has_mesh_ = false;        ///< true if stage 1 is another run's
@@ -404,11 +461,6 @@ void print_profile(const Json& parts) {
                     100 * part["share"].get<double>());
 }
 
-/// Applies --steps, within the bounds of the configuration file.
-void take_steps(const TrainOptions& o, TrainConfig& config) {
-    if (o.steps) from_json({{"gaussians", {{"steps", *o.steps}}}}, "--steps", config);
-}
-
 TrainConfig config_of(const TrainOptions& o) {
     TrainConfig config = preset(o.preset);
     if (!o.config.empty()) {
@@ -432,7 +484,8 @@ struct TrainedOn {
 
 /// Returns the choice by --device and the policy; throws an Error if the device has too little
 /// memory.
-TrainedOn trained_on(const TrainOptions& o, const TrainState& state, const Capture& capture) {
+TrainedOn trained_on(const TrainOptions& o, const TrainState& state, const Capture& capture,
+                     const Ranks* ranks) {
     if (device_wish(o.device) == DeviceWish::cpu) return {};
     const DeviceFinding finding = find_device();
     const DeviceDecision decision = decided(device_wish(o.device), state.config, finding);
@@ -442,6 +495,7 @@ TrainedOn trained_on(const TrainOptions& o, const TrainState& state, const Captu
                                   : "stage 2 is trained on the CPU: " + decision.reason};
     DeviceSizes sizes = device_sizes(state, capture);
     sizes.lpips = !o.perceptual_weights.empty();
+    sizes.gradients = gradients_of(state.config, ranks);
     const DeviceNeed need = device_need(state.config, sizes);
     require_device_room(need, *finding.found,
                         o.config.empty() ? "--preset " + state.config.preset : o.config.string());
@@ -578,18 +632,14 @@ void log_findings(const Start& s, Trainer& trainer) {
     trainer.log(line);
 }
 
-int train(const TrainOptions& o) {
-    if (o.print_config) {
-        std::cout << to_json(config_of(o)).dump(2) << "\n";
-        return 0;
-    }
-    require(!o.out.empty(), "rye train", "--out is missing, expected a folder for the run");
-    set_threads(o.threads);
+/// Trains on one rank of a group, or alone if `ranks` is null.
+int train_as(const TrainOptions& o, Ranks* ranks) {
+    const bool first = first_of(ranks);
     const LockOptions as_training{"rye train"};
     std::optional<FolderLock> lock; // taken before the folder is read
-    if (std::filesystem::is_directory(o.out)) lock.emplace(o.out, as_training);
+    if (first && std::filesystem::is_directory(o.out)) lock.emplace(o.out, as_training);
     const bool there = std::filesystem::exists(checkpoint_path(o.out));
-    require(!there || o.resume || o.overwrite, o.out.string(),
+    require(!first || !there || o.resume || o.overwrite, o.out.string(),
             "holds a run already; --resume continues it, --overwrite replaces it");
     require(!o.resume || !o.overwrite, "rye train",
             "--resume and --overwrite exclude each other");
@@ -602,12 +652,16 @@ int train(const TrainOptions& o) {
                                   start.capture.height);
     require_room(size, machine_memory(), o.config.empty() ? "--preset " + preset : o.config.string());
     check_perceptual_weights(o.perceptual_weights);
-    const TrainedOn on = trained_on(o, start.state, start.capture);
+    static_cast<void>(share_of(start.state.config, ranks)); // throws if there are too few views
+    const TrainedOn on = trained_on(o, start.state, start.capture, ranks);
+    require(on.device || ranks == nullptr || ranks->threads() != nullptr, "--ranks", "got ",
+            o.ranks, ", but stage 2 is trained on the CPU, where ranks are threads of one process: "
+            "expected a number");
     const std::string mark = frames_mark(start.capture);
     const bool other_frames = o.resume && start.state.frames != mark;
     start.state.frames = mark;
     if (!o.resume) begin_mesh(o, start.state);
-    if (!lock) {
+    if (first && !lock) {
         make_run_folder(o.out);
         lock.emplace(o.out, as_training);
         require(!std::filesystem::exists(checkpoint_path(o.out)), o.out.string(),
@@ -615,13 +669,14 @@ int train(const TrainOptions& o) {
     }
     ignore_file_size_signal();
     std::optional<ViewedTraining> view;
-    if (o.view >= 0) view.emplace(o.out, o.view);
+    if (first && o.view >= 0) view.emplace(o.out, o.view);
     Trainer trainer(o, on.device, std::move(start.capture), std::move(start.state),
                     o.resume ? Beginning::resumed
                     : there  ? Beginning::replacing
-                             : Beginning::fresh);
+                             : Beginning::fresh,
+                    ranks);
     // After all checks that may fail: an error is one line.
-    tell(o, start, preset, {text_of(size), on.words});
+    if (first) tell(o, start, preset, {text_of(size), on.words});
     if (!o.resume) log_findings(start, trainer);
     if (!o.begin.empty()) trainer.begin_after(o.begin);
     if (other_frames) trainer.save(); // to match the frames now beside it
@@ -629,6 +684,7 @@ int train(const TrainOptions& o) {
     if (view) std::cerr << "rye: note: shown at " << view->address() << "\n";
     const bool done = trainer.run();
     view.reset();
+    if (!first) return done ? 0 : code_of_stop(stop_requested);
     if (o.json) std::cout << trainer.summary(done).dump(2) << "\n";
     else if (o.profile) print_profile(trainer.profile());
     if (done && !quiet(o))
@@ -636,6 +692,54 @@ int train(const TrainOptions& o) {
                   << (o.out / "panels").string()
                   << " (truth, final, low resolution, face over white eyeballs, eyes alone)\n";
     return done ? 0 : code_of_stop(stop_requested);
+}
+
+/// Returns the options of a rank: only rank 0 speaks.
+TrainOptions options_of(const TrainOptions& o, const Ranks& ranks) {
+    TrainOptions own = o;
+    own.quiet = own.quiet || ranks.rank() != 0;
+    own.json = own.json && ranks.rank() == 0;
+    return own;
+}
+
+/// Trains on ranks in threads of this process: on a device each, or on the CPU.
+int train_in_threads(const TrainOptions& o, int size) {
+    const bool on_devices = device_wish(o.device) != DeviceWish::cpu && device_count() > 0;
+    require(!on_devices || size <= device_count(), "--ranks", "got ", size, ", there are ",
+            device_count(), " devices");
+    int code = 0;
+    run_ranks(size, [&](ThreadGroup& group) {
+        RanksInThreads ranks(group);
+        if (on_devices) use_device(group.rank());
+        const int own = train_as(options_of(o, ranks), &ranks);
+        if (group.rank() == 0) code = own;
+    });
+    return code;
+}
+
+/// Trains on this process's rank of those that a launcher has started.
+int train_as_process(const TrainOptions& o) {
+    const LaunchedRank place = launched_by(o.ranks);
+    RanksInProcesses ranks(o.out, place);
+    try {
+        if (const int devices = device_count(); devices > 0) use_device(place.local % devices);
+        return train_as(options_of(o, ranks), &ranks);
+    } catch (const std::exception& e) {
+        ranks.leave(e.what());
+        throw;
+    }
+}
+
+int train(const TrainOptions& o) {
+    if (o.print_config) {
+        std::cout << to_json(config_of(o)).dump(2) << "\n";
+        return 0;
+    }
+    require(!o.out.empty(), "rye train", "--out is missing, expected a folder for the run");
+    set_threads(o.threads);
+    if (is_launcher(o.ranks)) return train_as_process(o);
+    const int ranks = parsed_ranks(o.ranks, "--ranks");
+    return ranks == 1 ? train_as(o, nullptr) : train_in_threads(o, ranks);
 }
 
 } // namespace
@@ -681,6 +785,19 @@ void add_train(CLI::App& app) {
                   "Show the head while it trains, as `rye view` does, on this port of 127.0.0.1 (0: a "
                   "free one); checkpoints are shown as they are written")
         ->check(from_to(0, 65535));
+    c->add_option("--ranks", options->ranks,
+                  "Ranks that train together, each on its share of gaussians.views pictures a step: a "
+                  "number of them in this process, each on a device of its own where there are some; "
+                  "or torchrun, mpi or slurm where that starts a process for each")
+        ->check(read_check([](const std::string& text, const std::string& who) {
+            return is_launcher(text) ? 0 : parsed_ranks(text, who);
+        }))
+        ->capture_default_str();
+    c->add_option("--rank-sum", options->rank_sum,
+                  "How ranks on devices add up: tree, with the same bits for 1, 2, 4, ... ranks, or "
+                  "nccl, in NCCL's own order, which promises none")
+        ->check(CLI::IsMember({"tree", "nccl"}))
+        ->capture_default_str();
     c->callback([options] {
         const int code = train(*options);
         if (code != 0) throw CLI::RuntimeError(code);

@@ -115,6 +115,7 @@ void walk(F& f, TrainConfig& c) {
         AvatarTrainConfig& g = c.gaussians;
         f("steps", g.steps, steps);
         f("epochs", g.epochs, Range{0, 1e6});
+        f("views", g.views, Range{1, 1000});
         f("epochs_over", g.epochs_over);
         f("mouth_points", g.mouth_points, Range{0, 1e7});
         f("spacing", g.spacing, Range{1e-4, 1000, true});

@@ -55,8 +55,11 @@ struct EyeballConfig {
 };
 
 struct AvatarTrainConfig {
-    int steps = 0; ///< 0: `epochs` over frames or pictures, one picture a step
+    int steps = 0; ///< 0: `epochs` over frames or pictures, `views` of them a step
     int epochs = 500;
+    /// Pictures of a step, over which losses and gradients are averaged; ranks share them. Learning
+    /// rates are multiplied by its root.
+    int views = 1;
     EpochsOver epochs_over = EpochsOver::pictures;
     int mouth_points = 3000;
     /// Edges of the neutral surface longer than spacing + spacing_slope * (distance to the nearest

@@ -40,12 +40,23 @@ class StepsOf : public AvatarSteps {
 
     StepReport step(TrainState& state, const AvatarSample<float>& sample, double rate,
                     const Probe& probe) override {
-        const auto report = trainer_.step(restricted<E>(sample.drivers), sample, rate, probe);
+        return taken(state, trainer_.step(restricted<E>(sample.drivers), sample, rate, probe));
+    }
+    void add(const AvatarSample<float>& sample, Index all, const Probe& probe) override {
+        trainer_.add(restricted<E>(sample.drivers), sample, all, probe);
+    }
+    StepReport take(TrainState& state, ThreadGroup* group, double rate,
+                    const Probe& probe) override {
+        if (group == nullptr) return taken(state, trainer_.take(Alone{}, rate, probe));
+        return taken(state, trainer_.take(*group, rate, probe));
+    }
+
+  private:
+    static StepReport taken(TrainState& state, const AvatarStepReport<float>& report) {
         ++state.step;
         return {names_of(report.losses), 0, report.adam.first_bad_field};
     }
 
-  private:
     AvatarTrainer<TrainBackend, float, E, Balanced, ChosenPerceptual, AvatarRates> trainer_;
 };
 

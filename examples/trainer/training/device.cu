@@ -4,6 +4,8 @@
 
 #include <cuda_runtime.h>
 
+#include <rye/backend/cuda/runtime.hpp>
+
 namespace rye::trainer {
 
 bool has_device_kernels() { return true; }
@@ -26,6 +28,18 @@ DeviceFinding find_device() {
     }
     f.found = DeviceFacts{properties.name, static_cast<double>(free), static_cast<double>(total)};
     return f;
+}
+
+int device_count() {
+    int count = 0;
+    if (cudaGetDeviceCount(&count) == cudaSuccess) return count;
+    static_cast<void>(cudaGetLastError());
+    return 0;
+}
+void use_device(int which) {
+    require(which >= 0 && which < device_count(), "use_device", "got device ", which, " of ",
+            device_count());
+    check_cuda(cudaSetDevice(which), "cudaSetDevice");
 }
 
 namespace {

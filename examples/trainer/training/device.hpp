@@ -13,8 +13,10 @@
 #include <rye/loss/lpips.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/train/cuda/steps.hpp>
+#include <rye/train/group.hpp>
 
 #include "training/effects.hpp"
+#include "training/ranks.hpp"
 
 namespace rye::trainer {
 
@@ -31,6 +33,11 @@ struct DeviceFinding {
     std::string reason;               ///< why there is none
 };
 DeviceFinding find_device();
+/// Makes one of the machine's devices current for the calling thread: number `which`, from 0, of
+/// those there are. Throws an Error if there are fewer.
+void use_device(int which);
+/// Returns the number of devices.
+int device_count();
 /// Returns true if this build has kernels; does not look for a device.
 bool has_device_kernels();
 
@@ -39,6 +46,9 @@ struct DeviceTask {
     AvatarTraining<Balanced, PyramidGradientLoss> training; ///< its perceptual loss is ignored
     std::optional<LpipsWeights<float>> lpips;               ///< empty: the loss without weights
     int planes = 1; ///< bf16 planes per float in the networks' products
+    StepShare share = {};         ///< pictures of a step that this rank takes
+    Ranks* ranks = nullptr;       ///< null: one rank; must outlive the work
+    RankSum by = RankSum::tree;   ///< how ranks add up
 };
 
 /// Stage 2 of one avatar on a device, which has its own copy of avatar and optimiser.
@@ -48,8 +58,8 @@ class DeviceEngine {
     virtual ~DeviceEngine() = default;
     /// Adds a view and its frame's drivers, which stay on the device; returns its number.
     virtual Index add(const TrainingView& view, const Drivers<float>& drivers) = 0;
-    /// Takes the steps of these draws in order, and waits.
-    virtual DeviceStepsReport run(const std::vector<StepDraw>& draws) = 0;
+    /// Takes the steps of these draws in order, and waits. ask: true to ask all ranks to stop.
+    virtual DeviceStepsReport run(const std::vector<StepDraw>& draws, bool ask = false) = 0;
     /// Copies the current avatar and optimiser into structs of the same shapes.
     virtual void fetch(TwoStream<float, E>& avatar, Adam<TwoStream<float, E>>& adam) const = 0;
     /// Continues from this avatar and optimiser, whose face may have another number of Gaussians;

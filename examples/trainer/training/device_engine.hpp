@@ -5,6 +5,7 @@
 #pragma once
 
 #include <rye/backend/cuda/device.hpp>
+#include <rye/train/cuda/nccl_ranks.hpp>
 
 #include "training/device_drawer_of.hpp"
 #include "training/device_engine_of.hpp"
@@ -24,6 +25,22 @@ class CudaMachine {
     CudaMachine& operator=(const CudaMachine&) = delete;
     ~CudaMachine() { static_cast<void>(cudaStreamDestroy(stream_)); }
     CudaStream stream() const { return stream_; }
+    /// Returns this device's end of the group; waits for all ranks.
+    static std::unique_ptr<DeviceRanks> join(Ranks& ranks) {
+        NcclId id;
+        if (ranks.rank() == 0) id = NcclRanks::new_id();
+        const std::string words = ranks.given(std::string(id.bytes, sizeof id.bytes));
+        require(words.size() == sizeof id.bytes, "CudaMachine", "got an id of ", words.size(),
+                " bytes, expected ", sizeof id.bytes);
+        words.copy(id.bytes, sizeof id.bytes);
+        return std::make_unique<NcclRanks>(id, ranks.rank(), ranks.size());
+    }
+    /// Returns a watch that ends this device's waits if another rank ends.
+    static std::unique_ptr<RankWatch> watch(Ranks& ranks, DeviceRanks& joined) {
+        return std::make_unique<RankWatch>(ranks, [&joined](const std::string& reason) {
+            static_cast<NcclRanks&>(joined).end(reason);
+        });
+    }
 
   private:
     CudaStream stream_ = nullptr;

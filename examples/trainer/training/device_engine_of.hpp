@@ -51,14 +51,19 @@ class DeviceEngineOf final : public DeviceEngine<E> {
         : queue_{machine_.stream(), machine_.memory},
           training_(task.training),
           perceptual_(queue_, task.lpips) {
+        if (task.ranks != nullptr) {
+            ranks_ = Machine::join(*task.ranks);
+            watch_ = Machine::watch(*task.ranks, *ranks_);
+        }
+        group_ = {task.share, ranks_.get(), task.by};
         begin(avatar, adam);
     }
 
     Index add(const TrainingView& view, const Drivers<float>& drivers) override {
         return trainer_->add(queue_, view, restricted<E>(drivers));
     }
-    DeviceStepsReport run(const std::vector<StepDraw>& draws) override {
-        return trainer_->run(queue_, draws);
+    DeviceStepsReport run(const std::vector<StepDraw>& draws, bool ask) override {
+        return trainer_->run(queue_, draws, ask);
     }
     void fetch(TwoStream<float, E>& avatar, Adam<TwoStream<float, E>>& adam) const override {
         trainer_->fetch(queue_, avatar, adam);
@@ -81,13 +86,17 @@ class DeviceEngineOf final : public DeviceEngine<E> {
     void begin(const TwoStream<float, E>& avatar, const Adam<TwoStream<float, E>>& adam) {
         trainer_ = std::make_unique<Trainer>(Device{}, queue_, AvatarAndAdam<E>{avatar, adam},
                                              training_, perceptual_);
+        trainer_->share_steps(queue_, group_);
     }
 
     Machine machine_; // destroyed last: memory is returned on its stream
     CudaQueue queue_;
     decltype(DeviceTask::training) training_;
     ChosenDevicePerceptual<Device, N> perceptual_;
+    std::unique_ptr<DeviceRanks> ranks_;
+    DeviceStepGroup group_;
     std::unique_ptr<Trainer> trainer_;
+    std::unique_ptr<RankWatch> watch_; ///< ends before the ranks that it acts on
 };
 
 } // namespace rye::trainer

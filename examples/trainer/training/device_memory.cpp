@@ -212,6 +212,12 @@ DeviceSizes device_sizes(const TrainState& state, const Capture& capture) {
     return s;
 }
 
+int gradients_of(const TrainConfig& config, const Ranks* ranks) {
+    if (config.gaussians.views == 1 && ranks == nullptr) return 0;
+    const StepShare share = share_of(config, ranks);
+    return TreeLevels::levels(share.count) + (ranks != nullptr ? 1 : 0);
+}
+
 DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
     const AvatarConfig& a = config.avatar;
     const AvatarTrainConfig& g = config.gaussians;
@@ -270,7 +276,7 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
     const double compared = (g.weights.dssim > 0 ? 9 * full : 0) + (g.augment ? 4 * full : 0) +
                             graphs * s.face * (9 + a.feature / 64.0);
     return {
-        {{{"parameters, gradient and moments", 4 * number * parameters,
+        {{{"parameters, gradient and moments", (4 + s.gradients) * number * parameters,
            dense ? "avatar.networks, gaussians.density.most or gaussians.spacing"
                  : "avatar.networks, gaussians.spacing or gaussians.mouth_points"},
           {"pictures", 6 * full * s.views + 4 * s.views * a.expression,

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "training/device.hpp"
+#include "training/ranks.hpp"
 #include "training/run.hpp"
 
 namespace rye::trainer {
@@ -18,6 +19,7 @@ struct DeviceSizes {
     double frames = 0, views = 0;      ///< for training
     int width = 0, height = 0;         ///< of the pictures [px]
     bool lpips = false;                ///< true if the perceptual loss has weights
+    int gradients = 0; ///< further ones, for sums over pictures of a step and over ranks
 };
 
 /// Returns the sizes of a run: counted in stage 2, estimated before, as the number of the face's
@@ -36,6 +38,8 @@ struct DeviceNeed {
     double sum() const;
     const Part& largest() const;
 };
+/// Returns the gradients that sums over pictures of a step and over ranks (null: one) hold.
+int gradients_of(const TrainConfig& config, const Ranks* ranks);
 DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& sizes);
 
 /// Returns a text such as "1.9 GB of device memory: parameters 0.1, ...".

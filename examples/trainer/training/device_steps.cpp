@@ -27,7 +27,8 @@ template <EffectSet E>
 class DeviceStepsOf final : public DeviceSteps {
   public:
     DeviceStepsOf(const TrainState& state, const Capture& capture, const DeviceTask& task)
-        : engine_(device_engine<E>(own(state).first, own(state).second, task)) {
+        : engine_(device_engine<E>(own(state).first, own(state).second, task)),
+          pictures_(task.share.count) {
         for (const int frame : capture.train)
             for (const int camera : present_cameras(capture, frame))
                 view_[{frame, camera}] =
@@ -35,7 +36,7 @@ class DeviceStepsOf final : public DeviceSteps {
                                  frame_drivers(capture, frame, state.config.gaze_axis));
     }
 
-    StepReport run(TrainState& state, const std::vector<SampleDraw>& draws) override {
+    StepReport run(TrainState& state, const std::vector<SampleDraw>& draws, bool ask) override {
         std::vector<StepDraw> steps;
         for (const SampleDraw& d : draws)
             steps.push_back({view_.at({d.frame, d.camera}),
@@ -44,9 +45,9 @@ class DeviceStepsOf final : public DeviceSteps {
                              d.scale,
                              {d.blank(0), d.blank(1), d.blank(2)},
                              d.rate});
-        const DeviceStepsReport r = engine_->run(steps);
-        state.step += static_cast<Index>(draws.size());
-        return {names_of(r.losses), 0, r.bad_field, r.refused_in_a_row};
+        const DeviceStepsReport r = engine_->run(steps, ask);
+        state.step += static_cast<Index>(draws.size()) / pictures_;
+        return {names_of(r.losses), 0, r.bad_field, r.refused_in_a_row, r.asked};
     }
     void fetch(TrainState& state) const override {
         const auto to = own(state);
@@ -71,6 +72,7 @@ class DeviceStepsOf final : public DeviceSteps {
     }
 
     std::unique_ptr<DeviceEngine<E>> engine_;
+    Index pictures_;                            ///< of a step, of this rank
     std::map<std::pair<int, int>, Index> view_; ///< of a frame and a camera
 };
 
@@ -98,8 +100,12 @@ TrainingView training_view(const Capture& capture, const TrainConfig& config, in
 }
 
 std::unique_ptr<DeviceSteps> device_steps(const TrainState& state, const Capture& capture,
-                                          const std::filesystem::path& perceptual_weights) {
+                                          const std::filesystem::path& perceptual_weights,
+                                          const SharedSteps& shared) {
     DeviceTask task;
+    task.share = share_of(state.config, shared.ranks);
+    task.ranks = shared.ranks;
+    task.by = shared.by;
     task.training = avatar_training<PyramidGradientLoss>(state);
     task.planes = state.config.gaussians.planes;
     if (!perceptual_weights.empty()) task.lpips = read_lpips_weights<float>(perceptual_weights);

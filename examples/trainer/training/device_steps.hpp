@@ -21,8 +21,9 @@ class DeviceSteps {
   public:
     virtual ~DeviceSteps() = default;
     /// Takes the steps of these draws, which follow state.step, and adds their number to it.
-    /// Returns the report of the last one.
-    virtual StepReport run(TrainState& state, const std::vector<SampleDraw>& draws) = 0;
+    /// Returns the report of the last one. ask: true to ask all ranks to stop.
+    virtual StepReport run(TrainState& state, const std::vector<SampleDraw>& draws,
+                           bool ask = false) = 0;
     /// Copies avatar and optimiser into the state.
     virtual void fetch(TrainState& state) const = 0;
     /// Continues from the state's avatar, whose face may have another number of Gaussians.
@@ -30,10 +31,17 @@ class DeviceSteps {
     virtual double bytes() const = 0; ///< device memory held
 };
 
+/// Ranks of a training on devices (null: one), and how they add up.
+struct SharedSteps {
+    Ranks* ranks = nullptr;
+    RankSum by = RankSum::tree;
+};
+
 /// Copies the state's avatar and optimiser and the capture's training views to the device. The
 /// state must be in stage 2, and without_kernels (device_choice.hpp) empty for it.
 std::unique_ptr<DeviceSteps> device_steps(const TrainState& state, const Capture& capture,
-                                          const std::filesystem::path& perceptual_weights);
+                                          const std::filesystem::path& perceptual_weights,
+                                          const SharedSteps& shared = {});
 
 /// Returns the number of steps after the next chunk: the next multiple of `log_every`, of the run's
 /// panel_every or checkpoint_every, the next step that a change of density follows, or `total`.

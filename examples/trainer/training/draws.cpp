@@ -70,7 +70,8 @@ Index total_steps(const AvatarTrainConfig& stage, const Capture& capture) {
     const std::size_t size = stage.epochs_over == EpochsOver::frames
                                  ? capture.train.size()
                                  : training_pictures(capture).size();
-    return static_cast<Index>(stage.epochs) * static_cast<Index>(size);
+    const Index pictures = static_cast<Index>(stage.epochs) * static_cast<Index>(size);
+    return (pictures + stage.views - 1) / stage.views;
 }
 
 SampleDraws::SampleDraws(const Capture& capture, const TrainConfig& config)
@@ -82,22 +83,23 @@ SampleDraws::SampleDraws(const Capture& capture, const TrainConfig& config)
         pictures_ = training_pictures(capture);
 }
 
-SampleDraw SampleDraws::operator()(Index step) const {
+SampleDraw SampleDraws::operator()(Index step, Index view) const {
     const AvatarTrainConfig& g = config_->gaussians;
-    const std::uint64_t key = static_cast<std::uint64_t>(step);
+    const Index number = step * g.views + view; // of all pictures of the stage
+    const std::uint64_t key = static_cast<std::uint64_t>(number);
     SampleDraw d;
     d.step = step;
     if (pictures_.empty()) {
-        d.frame = frame_of_step(capture_->train, step, random_.fork(5));
+        d.frame = frame_of_step(capture_->train, number, random_.fork(5));
         const std::vector<int> cameras = present_cameras(*capture_, d.frame);
         d.camera = cameras[static_cast<std::size_t>(
             random_.fork(6).below(key, static_cast<Index>(cameras.size())))];
     } else {
-        const FrameCamera p = picture_of_step(pictures_, step, random_.fork(5));
+        const FrameCamera p = picture_of_step(pictures_, number, random_.fork(5));
         d.frame = p.frame;
         d.camera = p.camera;
     }
-    d.eyes_high = step % g.weights.eye_high_every == 0;
+    d.eyes_high = number % g.weights.eye_high_every == 0;
     d.scaled = g.augment;
     if (d.scaled) {
         const Pinhole<double>& camera = capture_->camera(d.frame, d.camera);
@@ -109,8 +111,15 @@ SampleDraw SampleDraws::operator()(Index step) const {
     d.blank.resize(config_->avatar.channels);
     for (Index c = 0; c < d.blank.size(); ++c)
         d.blank(c) = static_cast<float>(color.uniform(static_cast<std::uint64_t>(c)));
-    d.rate = decayed(g.rate_decay, step, total_);
+    d.rate = std::sqrt(static_cast<double>(g.views)) * decayed(g.rate_decay, step, total_);
     return d;
+}
+
+StepShare share_of(const TrainConfig& config, const Ranks* ranks) {
+    const int views = config.gaussians.views, size = ranks == nullptr ? 1 : ranks->size();
+    require(views >= size, "gaussians.views", "got ", views, " pictures a step, expected ", size,
+            " or more: one for each of the --ranks");
+    return step_share(views, ranks == nullptr ? 0 : ranks->rank(), size);
 }
 
 AvatarSample<float> sample_of(const Capture& capture, const TrainConfig& config,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/draws.hpp: the random choices of a step of stage 2: a function of (configuration, seed,
-/// step) alone. Steps on the CPU and on a device use the same draws, and a resumed run continues
+/// step, picture of the step) alone, whichever rank takes it. Steps on the CPU and on a device use the same draws, and a resumed run continues
 /// with those of the interrupted one.
 #pragma once
 
@@ -10,6 +10,7 @@
 #include <rye/train/capture_samples.hpp>
 
 #include "data/samples.hpp"
+#include "training/ranks.hpp"
 
 namespace rye::trainer {
 
@@ -33,7 +34,7 @@ double decayed(double decay, Index step, Index total);
 Index total_steps(const MeshTrainConfig& stage, const Capture& capture);
 Index total_steps(const AvatarTrainConfig& stage, const Capture& capture);
 
-/// Frame, camera, colour and scale for one step of stage 2.
+/// Frame, camera, colour and scale for one picture of a step of stage 2.
 struct SampleDraw {
     Index step = 0;
     int frame = 0, camera = 0; ///< of the capture
@@ -51,7 +52,8 @@ class SampleDraws {
     SampleDraws(const Capture& capture, const TrainConfig& config);
 
     Index total() const { return total_; } ///< steps of the stage
-    SampleDraw operator()(Index step) const;
+    /// Returns picture `view` of a step, of those that the configuration's steps have.
+    SampleDraw operator()(Index step, Index view = 0) const;
 
   private:
     const Capture* capture_;
@@ -60,6 +62,9 @@ class SampleDraws {
     Random random_;
     Index total_;
 };
+
+/// Returns the pictures of a step that a rank (null: one alone) takes.
+StepShare share_of(const TrainConfig& config, const Ranks* ranks);
 
 /// Returns the images and drivers of a draw, for a step on the CPU.
 AvatarSample<float> sample_of(const Capture& capture, const TrainConfig& config,

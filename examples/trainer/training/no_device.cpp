@@ -11,6 +11,8 @@ const char* const why = "this build has no kernels (configure it with -DRYE_CUDA
 
 bool has_device_kernels() { return false; }
 DeviceFinding find_device() { return {false, std::nullopt, why}; }
+void use_device(int) { throw Error(std::string("use_device: ") + why); }
+int device_count() { return 0; }
 
 template <>
 std::unique_ptr<DeviceEngine<TrainEffects>> device_engine<TrainEffects>(const Avatar&,

@@ -10,6 +10,7 @@
 #include <string>
 
 #include <rye/train/face_smoothness.hpp>
+#include <rye/train/thread_group.hpp>
 
 #include "training/run.hpp"
 
@@ -22,6 +23,7 @@ struct StepReport {
     Index vertices = 0;                                  ///< of the surface, in stage 1
     std::string bad_field;
     std::optional<Index> refused = {};  ///< number of steps in a row, if a device counts them
+    bool asked = false;                 ///< true if a rank asked all of them to stop
 };
 
 using Probe = std::function<void(const char*)>;  ///< called at the end of each part of a step
@@ -77,7 +79,14 @@ class MeshStepper {
 class AvatarSteps {
   public:
     virtual ~AvatarSteps() = default;
+    /// Takes a step of one picture and adds 1 to state.step.
     virtual StepReport step(TrainState& state, const AvatarSample<float>& sample, double rate,
+                            const Probe& probe) = 0;
+    /// Adds a picture to the step under way, of `all` of all ranks.
+    virtual void add(const AvatarSample<float>& sample, Index all, const Probe& probe) = 0;
+    /// Takes the step of the pictures that were added, by all ranks of a group (null: one), and
+    /// adds 1 to state.step.
+    virtual StepReport take(TrainState& state, ThreadGroup* group, double rate,
                             const Probe& probe) = 0;
 };
 /// Returns the steps of stage 2. `perceptual_weights`: a safetensors file for LPIPS, or empty for

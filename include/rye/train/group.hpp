@@ -47,6 +47,12 @@ struct StepShare {
     Index first = 0, count = 1, all = 1;
 };
 
+/// How ranks add up.
+enum class RankSum {
+    tree,   ///< by tree_sum: the same bits for 1, 2, 4, ... ranks
+    library ///< in the order of the library that joins the devices, which promises none
+};
+
 /// Returns a rank's share of the pictures of a step: successive ones, as many as others take or
 /// one less or more. Throws an Error if there are fewer pictures than ranks.
 inline StepShare step_share(Index all, int rank, int size) {

@@ -49,6 +49,11 @@ class ThreadMeeting {
                                                     " ended: " + reason);
         all_here_.notify_all();
     }
+    /// Returns the reason if a rank has ended, else nothing.
+    std::string failure() {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        return failed_ ? *failed_ : std::string();
+    }
     /// Shows the other ranks an address, to be read between two meetings.
     void show(int rank, const void* p) { shown_[static_cast<std::size_t>(rank)] = p; }
     template <class X>
@@ -74,6 +79,7 @@ class ThreadGroup {
     int size() const { return meeting_->size(); }
     void meet() { meeting_->meet(); }
     void fail(const std::string& reason) { meeting_->fail(rank_, reason); }
+    std::string failure() { return meeting_->failure(); }
 
     /// Throws an Error if the ranks' arrays differ in number or size.
     template <class T>
@@ -114,6 +120,12 @@ class ThreadGroup {
         const X value = *meeting_->shown<X>(0);
         meet();
         return value;
+    }
+    /// Returns true, for every rank, if it is true for any.
+    bool any(bool own) {
+        bool all = false;
+        each_shown(&own, [&](int, const bool* theirs) { all = all || *theirs; });
+        return all;
     }
     /// Calls f(rank, p) for what each rank shows with p, between two meetings.
     template <class X, class F>

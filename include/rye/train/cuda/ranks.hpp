@@ -32,12 +32,6 @@ class DeviceRanks {
     virtual void check() {}
 };
 
-/// How ranks add up.
-enum class RankSum {
-    tree,   ///< by train/group.hpp's tree: the same bits for 1, 2, 4, ... ranks
-    library ///< in the order of the library that joins the devices, which promises none
-};
-
 /// Sums over the ranks of a group.
 template <class Device>
 class DeviceRankSum {
