@@ -170,6 +170,17 @@ struct StepsOnDevice {
           pyramid(device) {
         begin(device, scene);
     }
+    /// With so many bytes of views on the device, and the rest in this memory of the host.
+    StepsOnDevice(const Device& device, const CudaQueue& q, const StepSceneOf<E>& scene,
+                  std::size_t bytes, const DeviceArena& host)
+        : queue(q),
+          avatar(lifted<float>(scene.avatar)),
+          adam(avatar),
+          pyramid(device) {
+        make(device, scene);
+        trainer->views().keep_beyond(bytes, host);
+        add_views(scene);
+    }
     StepsOnDevice(const Device& device, const StepSceneOf<E>& scene, const StepsOnDevice& from)
         : queue(from.queue),
           avatar(from.avatar),
@@ -211,6 +222,9 @@ struct StepsOnDevice {
     }
     void begin(const Device& device, const StepSceneOf<E>& scene) {
         make(device, scene);
+        add_views(scene);
+    }
+    void add_views(const StepSceneOf<E>& scene) {
         for (std::size_t v = 0; v < scene.views.size(); ++v)
             trainer->add(queue, scene.views[v], scene.drivers[v].template cast<float>());
     }
@@ -361,6 +375,31 @@ void steps_again(const Device& device, const CudaQueue& queue) {
     whole.run(scene.draws), parts.run(scene.draws);
     CHECK(whole.differs(parts) == "");
     CHECK(whole.differs(resumed) != "");
+}
+
+/// Views in the host's memory, all of them or what does not fit, give the bits of those in the
+/// device's, also where lists lack room and by a trainer that takes them over.
+template <class Policy, class Device>
+void steps_from_host(const Device& device, const CudaQueue& queue, const DeviceArena& page_locked) {
+    StepScene scene({});
+    for (std::size_t k = 0; k < 2; ++k) scene.draws.push_back(scene.draws[k]);
+    StepsOnDevice<Device, Policy> resident(device, queue, scene);
+    const std::size_t bytes = resident.trainer->views().resident_bytes() / 2; // one of three fits
+    resident.run(scene.draws);
+    CHECK(resident.trainer->views().bytes_on_host() == 0);
+    for (const std::size_t most : {std::size_t(0), bytes}) {
+        CAPTURE(most);
+        StepsOnDevice<Device, Policy> own(device, queue, scene, most, page_locked);
+        CHECK(own.trainer->views().on_host(2));
+        CHECK(own.trainer->views().on_host(0) == (most == 0));
+        CHECK(own.trainer->views().bytes_on_host() > 0);
+        own.trainer->frame(0).entry_capacity = 5;
+        const auto cut = scene.draws.begin() + 5;
+        own.run({scene.draws.begin(), cut});
+        own.renew(device, scene);
+        own.run({cut, scene.draws.end()});
+        CHECK(resident.differs(own) == "");
+    }
 }
 
 /// Where lists have no room, steps wait for it and are taken then: the bits of a trainer that has

@@ -309,6 +309,24 @@ TEST_CASE("device: what does not fit is refused, with the field to lower") {
                 "the capture's number or size of pictures");
 }
 
+TEST_CASE("device: pictures that do not fit stay in the host's memory, other arrays do not") {
+    const TrainConfig c = preset("gpu");
+    DeviceSizes s = sizes();
+    s.views = 1e4;
+    const double one = picture_bytes(c, s), all = device_need(c, s).sum();
+    CHECK(views_on_host(c, s, {"A device", all, all}) == 0);
+    const DeviceFacts half{"A device", all / 2, all};
+    s.on_host = views_on_host(c, s, half);
+    CHECK((s.on_host > 0 && s.on_host < s.views));
+    const double need = device_need(c, s).sum();
+    CHECK(need <= half.free);
+    CHECK(need >= 0.95 * half.free - 2 * one);
+    CHECK(std::abs(all - need - one * (s.on_host - 3)) <= 1e-9 * all); // three places remain
+    s.on_host = 0;
+    CHECK(views_on_host(c, s, {"A device", all - one * s.views, all}) == 0); // not by pictures
+    CHECK(views_on_host(c, s, {"A device", all - one * (s.views - 3), all}) == s.views);
+}
+
 TEST_CASE("device: a configuration keeps its planes, of which there are kernels for 1 and 3") {
     TrainConfig c = preset("paper");
     CHECK(c.gaussians.planes == 1);

@@ -18,7 +18,7 @@ struct HostMachine {
     template <int N>
     using Policy =
         DeviceTrainerPolicy<DeviceNetworks<N, 128, 64, 32>, KernelChannels<3, 8>, Balanced, N>;
-    HostMemory memory;
+    HostMemory memory, page_locked;
 
     static CudaStream stream() { return nullptr; }
     static std::unique_ptr<DeviceRanks> join(Ranks& ranks) {

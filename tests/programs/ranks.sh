@@ -30,13 +30,13 @@ cat > small.json << 'END'
     "gaze_color": [8], "eye_offset": [8]}},
  "grid": {"cell": 0.5, "subdivide": false},
  "mesh": {"steps": 4, "image_size": 24, "pretrain_steps": 30, "fit_steps": 5},
- "gaussians": {"steps": 6, "views": 8, "mouth_points": 10, "spacing": 0.3, "panel_every": 6,
+ "gaussians": {"steps": 6, "views": 8, "rate_decay": 1, "mouth_points": 10, "spacing": 0.3, "panel_every": 6,
   "checkpoint_every": 3, "density": {"every": 2, "first": 2, "last": 4, "grow": 0.1},
   "augment": true, "planes": 3, "eyeball": {"points": 40}, "upsampler": {"capacity": 2}}}
 END
 
-# both RYE WORDS: a whole training of one rank, and what it takes several to come to the same.
-whole() { # RYE NAME RANKS...
+# whole RYE NAME RANKS...: a training by one rank, and by each of these numbers of them.
+whole() {
     rye=$1
     name=$2
     shift 2
@@ -46,18 +46,23 @@ whole() { # RYE NAME RANKS...
         train --out "${name}_$ranks" --ranks "$ranks" || { cat errors.txt; fail "$name by $ranks ranks"; }
         same "$name/checkpoint.safetensors" "${name}_$ranks/checkpoint.safetensors"
         same "$name/log.jsonl" "${name}_$ranks/log.jsonl"
-        same "$name/panels/step_0000006.png" "${name}_$ranks/panels/step_0000006.png"
+        for panel in "$name"/panels/step_*.png; do
+            same "$panel" "${name}_$ranks/panels/${panel##*/}"
+        done
     done
-    # Killed after step 3, and resumed by fewer ranks.
+    # Ended after step 3, and gone on with by fewer ranks.
+    steps=$(sed -n 's/.*"gaussians": {"steps": \([0-9]*\).*/\1/p' small.json)
     train --out "${name}_cut" --ranks "$1" --steps 3
-    train --out "${name}_cut" --ranks 1 --resume --steps 6
-    # The log ends alike; the checkpoint has the same numbers, of a configuration with other steps.
+    train --out "${name}_cut" --ranks 1 --resume --steps "$steps"
     tail -n 1 "$name/log.jsonl" > whole.txt
     tail -n 1 "${name}_cut/log.jsonl" > cut.txt
     same whole.txt cut.txt
 }
 whole "$plain" cpu 2 4 8
+cp small.json large.json
+sed -i 's/"steps": 6, "views": 8/"steps": 4, "views": 2/; s/"panel_every": 6/"panel_every": 4/' small.json
 whole "$emulated" device 2
+cp large.json small.json
 
 # A signal stops all ranks after the same step, whichever sees it first.
 "$plain" train --capture cap --preset tiny --config small.json --quiet --steps 100000 --ranks 2 \

@@ -98,6 +98,10 @@ TEST_CASE("cuda, emulated: 1, 2 and 4 ranks give the same bits, also if one lack
     for (const auto& rank : four) CHECK(one[0]->differs(*rank) == "");
     CHECK(one[0]->adam.step == 2);
 }
+TEST_CASE("cuda, emulated: views that stay in the host's memory give the same bits") {
+    HostMemory page_locked;
+    steps_from_host<Fine>(EmulatedDevice{}, host_queue, page_locked);
+}
 TEST_CASE("cuda, emulated: sums over ranks, of any number") {
     for (const int ranks : {1, 2, 3, 5})
         for (const Index n : {1, 7, 100}) {

@@ -64,9 +64,16 @@ struct TrainOptions {
     int view = -1; ///< port of a view of the training; 0: a free one, -1: none
     std::string ranks = "1"; ///< number of them in this process, or a launcher of theirs
     std::string rank_sum = "tree";
+    std::optional<double> device_memory; ///< most of it that is used [bytes]
     std::optional<std::string> seed;  // as text: the option parser would accept -3 and 1e23
     std::optional<std::int64_t> steps;
 };
+
+/// Returns a device with no more free memory than the options let it use.
+DeviceFacts device_of(const TrainOptions& o, DeviceFacts device) {
+    if (o.device_memory) device.free = std::min(device.free, *o.device_memory);
+    return device;
+}
 
 /// Returns true if standard output has no progress.
 bool quiet(const TrainOptions& o) { return o.quiet || o.json; }
@@ -255,7 +262,7 @@ class Trainer {
         while (state_.step < total) {
             probe_.start();
             const SampleDraw first = draws(state_.step, share.first);
-            AvatarSample<float> sample = sample_of(capture_, state_.config, first);
+            const AvatarSample<float> sample = sample_of(capture_, state_.config, first);
             probe_("data");
             StepReport report;
             if (share.all == 1) {
@@ -263,10 +270,10 @@ class Trainer {
             } else {
                 steps->add(sample, share.all, std::ref(probe_));
                 for (Index k = 1; k < share.count; ++k) {
-                    sample =
+                    const AvatarSample<float> next =
                         sample_of(capture_, state_.config, draws(state_.step, share.first + k));
                     probe_("data");
-                    steps->add(sample, share.all, std::ref(probe_));
+                    steps->add(next, share.all, std::ref(probe_));
                 }
                 report = steps->take(state_, ranks_ == nullptr ? nullptr : ranks_->threads(),
                                      first.rate, std::ref(probe_));
@@ -321,7 +328,9 @@ class Trainer {
         const StepShare share = share_of(state_.config, ranks_);
         const std::unique_ptr<DeviceSteps> steps =
             device_steps(state_, capture_, options_.perceptual_weights,
-                         {ranks_, options_.rank_sum == "tree" ? RankSum::tree : RankSum::library});
+                         {ranks_,
+                          options_.rank_sum == "tree" ? RankSum::tree : RankSum::library,
+                          most_pictures_});
         TrainState copy = state_; // read by the thread; outlives it
         WorkBeside files("rye train");
         Progress progress("stage 2", total, quiet(options_));
@@ -359,7 +368,9 @@ class Trainer {
             steps->fetch(copy);
             probe_("from the device");
             std::optional<AvatarSample<float>> shown;
-            if (shows) shown = sample_of(capture_, state_.config, chunk.back());
+            if (shows) // the last step's first picture
+                shown = sample_of(capture_, state_.config,
+                                  *(chunk.end() - static_cast<std::ptrdiff_t>(share.count)));
             files.start([this, &copy, shown, saves, stop] {
                 if (shown) write_panel(copy, *shown);
                 if (saves || stop) save(copy);
@@ -388,10 +399,14 @@ class Trainer {
         DeviceSizes sizes = device_sizes(state_, capture_);
         sizes.lpips = !options_.perceptual_weights.empty();
         sizes.gradients = gradients_of(state_.config, ranks_);
+        const DeviceFacts device = device_of(options_, find_device().found.value_or(*device_));
+        sizes.on_host = views_on_host(state_.config, sizes, device);
+        if (sizes.on_host > 0)
+            most_pictures_ = (sizes.views - sizes.on_host) * picture_bytes(state_.config, sizes);
         const DeviceNeed need = device_need(state_.config, sizes);
         stated_ = need.sum();
         if (!quiet(options_)) std::cout << "stage 2 needs " << text_of(need) << "\n" << std::flush;
-        require_device_room(need, find_device().found.value_or(*device_), options_.out.string(),
+        require_device_room(need, device, options_.out.string(),
                             "; stage 1 is kept, and `rye train --begin " + options_.out.string() +
                                 "` with lower fields goes on from it");
     }
@@ -425,6 +440,7 @@ class Trainer {
     bool has_mesh_ = false;        ///< true if stage 1 is another run's
     int changes_ = 0;              ///< changes of density since this program began
     DensityChange changed_;        ///< sum of these changes
+    std::optional<double> most_pictures_; ///< of pictures in the device's memory [bytes]
     double stated_ = 0, held_ = 0, taken_ = 0; ///< device memory of stage 2 [bytes]
 
   public:
@@ -496,10 +512,17 @@ TrainedOn trained_on(const TrainOptions& o, const TrainState& state, const Captu
     DeviceSizes sizes = device_sizes(state, capture);
     sizes.lpips = !o.perceptual_weights.empty();
     sizes.gradients = gradients_of(state.config, ranks);
+    const DeviceFacts device = device_of(o, *finding.found);
+    sizes.on_host = views_on_host(state.config, sizes, device);
     const DeviceNeed need = device_need(state.config, sizes);
-    require_device_room(need, *finding.found,
+    require_device_room(need, device,
                         o.config.empty() ? "--preset " + state.config.preset : o.config.string());
-    return {finding.found, "stage 2 is trained on " + finding.found->name + ": " + text_of(need)};
+    std::string words = "stage 2 is trained on " + device.name + ": " + text_of(need);
+    if (sizes.on_host > 0)
+        words += "; " + std::to_string(static_cast<Index>(sizes.on_host)) + " of " +
+                 std::to_string(static_cast<Index>(sizes.views)) +
+                 " pictures stay in the host's memory";
+    return {finding.found, words};
 }
 
 /// Checks that the checkpoint in the folder fits the options and the capture.
@@ -798,6 +821,14 @@ void add_train(CLI::App& app) {
                   "nccl, in NCCL's own order, which promises none")
         ->check(CLI::IsMember({"tree", "nccl"}))
         ->capture_default_str();
+    c->add_option_function<std::string>(
+         "--device-memory",
+         [options](const std::string& text) {
+             options->device_memory = static_cast<double>(parsed_memory(text, "--device-memory"));
+         },
+         "The most memory of the device that stage 2 plans with: 512M, 8G (default: what is free); "
+         "pictures that do not fit stay in the host's memory and are fetched beside the steps")
+        ->check(read_check(parsed_memory));
     c->callback([options] {
         const int code = train(*options);
         if (code != 0) throw CLI::RuntimeError(code);

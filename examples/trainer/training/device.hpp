@@ -49,6 +49,8 @@ struct DeviceTask {
     StepShare share = {};         ///< pictures of a step that this rank takes
     Ranks* ranks = nullptr;       ///< null: one rank; must outlive the work
     RankSum by = RankSum::tree;   ///< how ranks add up
+    /// Most bytes of pictures in the device's memory, the rest in the host's; none: all.
+    std::optional<double> picture_bytes = {};
 };
 
 /// Stage 2 of one avatar on a device, which has its own copy of avatar and optimiser.

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <rye/backend/cuda/device.hpp>
+#include <rye/backend/cuda/page_locked.hpp>
 #include <rye/train/cuda/nccl_ranks.hpp>
 
 #include "training/device_drawer_of.hpp"
@@ -19,6 +20,7 @@ class CudaMachine {
     template <int N>
     using Policy = DeviceTrainerPolicy<DeviceNetworks<N>, KernelChannels<3, 16, 32>, Balanced, N>;
     StreamMemory memory;
+    PageLockedMemory page_locked;
 
     CudaMachine() { check_cuda(cudaStreamCreate(&stream_), "cudaStreamCreate"); }
     CudaMachine(const CudaMachine&) = delete;

@@ -57,6 +57,9 @@ class DeviceEngineOf final : public DeviceEngine<E> {
         }
         group_ = {task.share, ranks_.get(), task.by};
         begin(avatar, adam);
+        if (task.picture_bytes)
+            trainer_->views().keep_beyond(static_cast<std::size_t>(*task.picture_bytes),
+                                          machine_.page_locked);
     }
 
     Index add(const TrainingView& view, const Drivers<float>& drivers) override {

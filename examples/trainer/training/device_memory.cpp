@@ -20,6 +20,8 @@ namespace rye::trainer {
 namespace {
 
 constexpr double number = sizeof(float), half = sizeof(std::uint16_t);
+/// Places of rye::ViewRing; share of the free memory that is filled with pictures.
+constexpr double places_of_fetched = 3, spared = 0.95;
 
 double up(double x, double multiple) { return std::ceil(x / multiple) * multiple; }
 
@@ -212,6 +214,19 @@ DeviceSizes device_sizes(const TrainState& state, const Capture& capture) {
     return s;
 }
 
+double picture_bytes(const TrainConfig& config, const DeviceSizes& s) {
+    return 6.0 * s.width * s.height + number * config.avatar.expression;
+}
+
+double views_on_host(const TrainConfig& config, const DeviceSizes& sizes,
+                     const DeviceFacts& device) {
+    const double need = device_need(config, sizes).sum(), one = picture_bytes(config, sizes);
+    if (need <= device.free) return 0;
+    const double others = need - one * sizes.views + one * places_of_fetched;
+    if (others > device.free) return 0;
+    return sizes.views - std::max(0.0, std::floor((spared * device.free - others) / one));
+}
+
 int gradients_of(const TrainConfig& config, const Ranks* ranks) {
     if (config.gaussians.views == 1 && ranks == nullptr) return 0;
     const StepShare share = share_of(config, ranks);
@@ -268,6 +283,7 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
         m == Mechanism::latent_rotation || config.eye_appearance == EyeAppearanceName::driven)
         kept += of_sums;
 
+    const double pictures = s.views - s.on_host + (s.on_host > 0 ? places_of_fetched : 0);
     const double maps = (6.0 * a.channels + 9 + 6) * small + (12 + 5) * full;
     const double pyramid = 2 * 3 * full * (1.0 / 4 + 1.0 / 16);
     const bool dense = g.density.every > 0;
@@ -279,7 +295,7 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
         {{{"parameters, gradient and moments", (4 + s.gradients) * number * parameters,
            dense ? "avatar.networks, gaussians.density.most or gaussians.spacing"
                  : "avatar.networks, gaussians.spacing or gaussians.mouth_points"},
-          {"pictures", 6 * full * s.views + 4 * s.views * a.expression,
+          {"pictures", picture_bytes(config, s) * pictures,
            "the capture's number or size of pictures, as no field does it"},
           {"networks", kept,
            dense ? "avatar.networks, gaussians.planes or gaussians.density.most"

@@ -17,6 +17,7 @@ struct DeviceSizes {
     double face = 0, eyes = 0;         ///< number of Gaussians; of the face, the largest possible
     std::array<double, 4> listed = {}; ///< points moved by expression, pose and both gazes
     double frames = 0, views = 0;      ///< for training
+    double on_host = 0;                ///< of the views, those that stay in the host's memory
     int width = 0, height = 0;         ///< of the pictures [px]
     bool lpips = false;                ///< true if the perceptual loss has weights
     int gradients = 0; ///< further ones, for sums over pictures of a step and over ranks
@@ -44,6 +45,13 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& sizes);
 
 /// Returns a text such as "1.9 GB of device memory: parameters 0.1, ...".
 std::string text_of(const DeviceNeed& need);
+
+/// Returns the number of views that must stay in the host's memory for the rest to fit a device;
+/// 0 if all fit, or if it is not the pictures that do not.
+double views_on_host(const TrainConfig& config, const DeviceSizes& sizes,
+                     const DeviceFacts& device);
+/// Returns the memory of a picture with its masks and drivers [bytes].
+double picture_bytes(const TrainConfig& config, const DeviceSizes& sizes);
 
 /// Throws an Error that begins with `who` and ends with `rest` if more is needed than the device
 /// has free.

@@ -101,11 +101,12 @@ TrainingView training_view(const Capture& capture, const TrainConfig& config, in
 
 std::unique_ptr<DeviceSteps> device_steps(const TrainState& state, const Capture& capture,
                                           const std::filesystem::path& perceptual_weights,
-                                          const SharedSteps& shared) {
+                                          const DeviceStepSettings& settings) {
     DeviceTask task;
-    task.share = share_of(state.config, shared.ranks);
-    task.ranks = shared.ranks;
-    task.by = shared.by;
+    task.share = share_of(state.config, settings.ranks);
+    task.ranks = settings.ranks;
+    task.by = settings.by;
+    task.picture_bytes = settings.picture_bytes;
     task.training = avatar_training<PyramidGradientLoss>(state);
     task.planes = state.config.gaussians.planes;
     if (!perceptual_weights.empty()) task.lpips = read_lpips_weights<float>(perceptual_weights);

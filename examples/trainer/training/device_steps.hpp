@@ -4,6 +4,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "training/device.hpp"
@@ -31,17 +32,19 @@ class DeviceSteps {
     virtual double bytes() const = 0; ///< device memory held
 };
 
-/// Ranks of a training on devices (null: one), and how they add up.
-struct SharedSteps {
-    Ranks* ranks = nullptr;
-    RankSum by = RankSum::tree;
+/// Settings of steps on a device beside the configuration.
+struct DeviceStepSettings {
+    Ranks* ranks = nullptr;      ///< null: one
+    RankSum by = RankSum::tree;  ///< how ranks add up
+    /// Largest number of bytes of pictures in the device's memory; the rest stays in the host's.
+    std::optional<double> picture_bytes = {};
 };
 
 /// Copies the state's avatar and optimiser and the capture's training views to the device. The
 /// state must be in stage 2, and without_kernels (device_choice.hpp) empty for it.
 std::unique_ptr<DeviceSteps> device_steps(const TrainState& state, const Capture& capture,
                                           const std::filesystem::path& perceptual_weights,
-                                          const SharedSteps& shared = {});
+                                          const DeviceStepSettings& settings = {});
 
 /// Returns the number of steps after the next chunk: the next multiple of `log_every`, of the run's
 /// panel_every or checkpoint_every, the next step that a change of density follows, or `total`.

@@ -371,6 +371,10 @@ struct CudaDevice {
                    "device memory");
         check_cuda(cudaStreamSynchronize(queue.stream), "device memory");
     }
+    void send_later(const CudaQueue& queue, void* to, const void* from, std::size_t bytes) const {
+        check_cuda(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, queue.stream),
+                   "device memory");
+    }
     void fetch(const CudaQueue& queue, void* to, const void* from, std::size_t bytes) const {
         check_cuda(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, queue.stream),
                    "device memory");

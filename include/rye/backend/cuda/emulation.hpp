@@ -350,6 +350,10 @@ struct EmulatedDevice {
     void send(const CudaQueue&, void* to, const void* from, std::size_t bytes) const {
         if (bytes > 0) std::memcpy(to, from, bytes);
     }
+    /// Puts a copy of page-locked memory on the stream, which must stay as it is until then.
+    void send_later(const CudaQueue&, void* to, const void* from, std::size_t bytes) const {
+        if (bytes > 0) std::memcpy(to, from, bytes);
+    }
     /// Copies from the device, and waits for that.
     void fetch(const CudaQueue&, void* to, const void* from, std::size_t bytes) const {
         if (bytes > 0) std::memcpy(to, from, bytes);

@@ -9,6 +9,7 @@
 /// build gives the same bits for any division of the steps into runs.
 #pragma once
 
+#include <algorithm>
 #include <memory>
 #include <string>
 #include <tuple>
@@ -117,9 +118,18 @@ class DeviceAvatarTrainer {
         for (Index waited = 0;; ++waited) {
             forget_room();
             send_state(queue);
-            for (std::size_t i = static_cast<std::size_t>(here_.taken) * pictures; i < draws.size();
-                 ++i) {
+            const std::size_t first = static_cast<std::size_t>(here_.taken) * pictures;
+            if (!fetched_.empty())
+                views_.fetch(queue, fetched_, std::count_if(draws.begin(),
+                                                            draws.begin() + std::ptrdiff_t(first),
+                                                            [&](const StepDraw& d) {
+                                                                return views_.on_host(d.view);
+                                                            }));
+            for (std::size_t i = first; i < draws.size(); ++i) {
+                const bool fetched = views_.on_host(draws[i].view);
+                if (fetched) views_.ring().await(queue);
                 launch(queue, draws[i], static_cast<Index>(draws.size()));
+                if (fetched) views_.ring().used(queue);
                 if (group_.single()) continue;
                 sums_.add_into(queue, gradient_.data(), losses_.report(), state_.data());
                 if ((i + 1) % pictures == 0) step_end(queue);
@@ -188,10 +198,16 @@ class DeviceAvatarTrainer {
     }
     void send_rows(const CudaQueue& queue, const std::vector<StepDraw>& draws) {
         std::vector<DeviceStepRow> rows;
+        fetched_.clear();
         for (const StepDraw& d : draws) {
             require(d.view >= 0 && d.view < views_.count(), "DeviceAvatarTrainer", "step ",
                     rows.size(), " shows view ", d.view, ", there are ", views_.count());
-            rows.push_back({d.view, d.rate, d.scale, {d.blank[0], d.blank[1], d.blank[2]}});
+            Index entry = d.view;
+            if (views_.on_host(d.view)) {
+                entry = views_.entry_of_fetched(static_cast<Index>(fetched_.size()));
+                fetched_.push_back(d.view);
+            }
+            rows.push_back({entry, d.rate, d.scale, {d.blank[0], d.blank[1], d.blank[2]}});
         }
         if (rows.size() > rows_.size()) graphs_.forget(); // they hold the old address of the rows
         rows_.reserve(queue, rows.size());
@@ -422,6 +438,7 @@ class DeviceAvatarTrainer {
     DeviceBuffer<DeviceStepNumbers> numbers_;
     DeviceBuffer<DeviceStepRow> rows_;
     const DeviceViewPlace* places_ = nullptr;
+    std::vector<Index> fetched_; ///< views of the run that come from the host, in order
     DeviceStepState here_{}; ///< host copy of state_
     Index steps_ = 0;
     KeptGraphs<Device, Kind, Key> graphs_;

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/cuda/views.hpp: pictures of a training in device memory: all of them once, as bytes;
-/// those of a step as floats, on the final background, at full size and at the render's, as in
+/// rye/train/cuda/views.hpp: pictures of a training: all of them once, as bytes, in device memory
+/// or, beyond a bound, in the host's (train/cuda/view_ring.hpp); those of a step as floats, on the final background, at full size and at the render's, as in
 /// train/samples.hpp. The view that a step shows is read on the device.
 #pragma once
 
 #include <cstdint>
+#include <cstring>
 #include <memory>
 #include <string>
 #include <utility>
@@ -13,6 +14,7 @@
 #include <rye/backend/cuda/each.hpp>
 #include <rye/backend/cuda/picture.hpp>
 #include <rye/train/cuda/steps.hpp>
+#include <rye/train/cuda/view_ring.hpp>
 
 namespace rye {
 
@@ -66,13 +68,23 @@ struct StepPicturesAt {
     }
 };
 
-/// Resident views of a training, and the pictures of the current step.
+/// Views of a training, and the pictures of the current step.
 template <class Device>
 class DeviceViews {
   public:
     /// factor: picture size over render size.
-    DeviceViews(const Device& device, int factor) : device_(device), factor_(factor) {
+    DeviceViews(const Device& device, int factor)
+        : device_(device),
+          factor_(factor),
+          ring_(std::make_unique<ViewRing<Device>>(device)) {
         require(factor >= 1, "DeviceViews", "factor is ", factor, ", expected 1 or more");
+    }
+
+    /// Keeps views in device memory up to so many bytes, and further ones in page-locked memory of
+    /// the host, which must outlive them. To be called before the first view.
+    void keep_beyond(std::size_t device_bytes, const DeviceArena& host) {
+        most_ = device_bytes;
+        host_ = std::make_unique<DeviceArena>(host);
     }
 
     /// Adds a view and its frame's drivers (packed by DriverPlaces); returns its number; waits.
@@ -81,23 +93,33 @@ class DeviceViews {
     Index add(const CudaQueue& queue, const TrainingView& view, const std::vector<float>& drivers) {
         check(view);
         const std::size_t pixels = view.mask.size(), floats = drivers.size() * sizeof(float);
+        const std::size_t bytes = floats + 6 * pixels;
+        const bool on_host = host_ != nullptr && resident_bytes() + bytes > most_;
         auto& own = *kept_.emplace_back(std::make_unique<DeviceBuffer<std::uint8_t>>());
-        own.reserve(queue, floats + 6 * pixels);
-        std::uint8_t* at = own.data(); // floats come first, to be aligned
-        const auto send = [&](const void* from, std::size_t bytes) {
-            device_.send(queue, at, from, bytes);
-            at += bytes;
-            return at - bytes;
+        if (on_host) {
+            own.reserve({queue.stream, *host_}, bytes);
+            if (ring_->bytes() == 0) ring_->reserve(queue, bytes);
+            bytes_on_host_ += bytes;
+        } else {
+            own.reserve(queue, bytes);
+        }
+        std::uint8_t* at = own.data();
+        const auto put = [&](const void* from, std::size_t n) {
+            if (on_host)
+                std::memcpy(at, from, n);
+            else
+                device_.send(queue, at, from, n);
+            at += n;
         };
-        DeviceViewPlace place{};
-        place.drivers = reinterpret_cast<const float*>(send(drivers.data(), floats));
-        place.rgb = send(view.rgb.data(), 3 * pixels);
-        place.mask = send(view.mask.data(), pixels);
-        place.visible = send(view.visible.data(), pixels);
-        place.eyes = send(view.eyes.data(), pixels);
-        places_.push_back(place);
+        put(drivers.data(), floats); // first, to be aligned
+        put(view.rgb.data(), 3 * pixels);
+        put(view.mask.data(), pixels);
+        put(view.visible.data(), pixels);
+        put(view.eyes.data(), pixels);
+        drivers_ = floats;
+        on_host_.push_back(on_host);
         cameras_.push_back(view.camera);
-        return static_cast<Index>(places_.size()) - 1;
+        return count() - 1;
     }
 
     /// Moves all views of another object of the same factor to this one, which must be empty. The
@@ -105,14 +127,31 @@ class DeviceViews {
     void take(DeviceViews& from) {
         RYE_ASSERT(count() == 0 && factor_ == from.factor_, "DeviceViews: cannot take the views");
         kept_ = std::exchange(from.kept_, {});
-        places_ = std::exchange(from.places_, {});
+        on_host_ = std::exchange(from.on_host_, {});
         cameras_ = std::exchange(from.cameras_, {});
+        host_ = std::exchange(from.host_, {});
+        std::swap(ring_, from.ring_);
+        most_ = from.most_;
+        bytes_on_host_ = std::exchange(from.bytes_on_host_, 0);
+        drivers_ = from.drivers_;
         width_ = from.width_;
         height_ = from.height_;
         from.sent_ = 0;
     }
 
-    Index count() const { return static_cast<Index>(places_.size()); }
+    Index count() const { return static_cast<Index>(kept_.size()); }
+    /// Returns true if a view is in the host's memory.
+    bool on_host(Index view) const { return on_host_[static_cast<std::size_t>(view)]; }
+    /// Returns the entry of places() for the j-th view of a run that comes from the host's memory.
+    Index entry_of_fetched(Index j) const { return count() + j % ViewRing<Device>::places; }
+    /// Begins to fetch views from the host's memory, in this order from number `first` on; see
+    /// ViewRing.
+    void fetch(const CudaQueue& queue, const std::vector<Index>& order, Index first) {
+        std::vector<const std::uint8_t*> from;
+        for (const Index v : order) from.push_back(kept_[static_cast<std::size_t>(v)]->data());
+        ring_->begin(queue, from, first);
+    }
+    ViewRing<Device>& ring() { return *ring_; }
     int factor() const { return factor_; }
     int width() const { return width_; }   ///< width of the pictures [px]
     int height() const { return height_; } ///< height of the pictures [px]
@@ -122,13 +161,18 @@ class DeviceViews {
         return cameras_[static_cast<std::size_t>(view)];
     }
 
-    /// Returns the views' arrays, in device memory; waits if views were added since the last call.
+    /// Returns the views' arrays, in device memory, and behind them those of fetched views; waits if
+    /// views were added since the last call. Entries of views on the host are not to be read.
     const DeviceViewPlace* places(const CudaQueue& queue) {
-        if (sent_ != places_.size()) {
-            table_.reserve(queue, places_.size());
-            device_.send(queue, table_.data(), places_.data(),
-                         places_.size() * sizeof(DeviceViewPlace));
-            sent_ = places_.size();
+        if (sent_ != kept_.size()) {
+            std::vector<DeviceViewPlace> all;
+            for (const auto& k : kept_) all.push_back(place_at(k->data()));
+            if (ring_->bytes() > 0)
+                for (Index k = 0; k < ViewRing<Device>::places; ++k)
+                    all.push_back(place_at(ring_->place(k)));
+            table_.reserve(queue, all.size());
+            device_.send(queue, table_.data(), all.data(), all.size() * sizeof(DeviceViewPlace));
+            sent_ = kept_.size();
         }
         return table_.data();
     }
@@ -152,14 +196,23 @@ class DeviceViews {
 
     /// Returns the memory of resident pictures [bytes].
     std::size_t resident_bytes() const {
-        std::size_t sum = table_.bytes();
+        std::size_t sum = table_.bytes() + ring_->bytes();
         for (const auto& k : kept_) sum += k->bytes();
-        return sum;
+        return sum - bytes_on_host_;
     }
+    /// Returns the page-locked memory of the host that views hold [bytes].
+    std::size_t bytes_on_host() const { return bytes_on_host_; }
     /// Returns the memory of resident pictures and of a step's [bytes].
     std::size_t bytes() const { return resident_bytes() + floats_.bytes(); }
 
   private:
+    /// Returns where a view's arrays are in its memory.
+    DeviceViewPlace place_at(const std::uint8_t* memory) const {
+        const auto n = static_cast<std::size_t>(pixels());
+        const std::uint8_t* const rgb = memory + drivers_;
+        return {rgb, rgb + 3 * n, rgb + 4 * n, rgb + 5 * n,
+                reinterpret_cast<const float*>(memory)};
+    }
     void check(const TrainingView& v) {
         const char* const who = "DeviceViews";
         const std::string number = "view " + std::to_string(count());
@@ -190,8 +243,11 @@ class DeviceViews {
     Device device_;
     int factor_, width_ = 0, height_ = 0;
     std::vector<std::unique_ptr<DeviceBuffer<std::uint8_t>>> kept_;
-    std::vector<DeviceViewPlace> places_;
+    std::vector<bool> on_host_;
     std::vector<Pinhole<float>> cameras_;
+    std::unique_ptr<DeviceArena> host_; ///< page-locked memory; null: all views are on the device
+    std::size_t most_ = 0, bytes_on_host_ = 0, drivers_ = 0; ///< [bytes]; drivers of a view
+    std::unique_ptr<ViewRing<Device>> ring_;
     DeviceBuffer<DeviceViewPlace> table_;
     std::size_t sent_ = 0;
     DeviceBuffer<float> floats_;
