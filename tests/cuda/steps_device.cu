@@ -4,6 +4,8 @@
 
 #include "step_cases.hpp"
 
+#include <rye/backend/cuda/page_locked.hpp>
+
 using namespace rye;
 using namespace rye::test;
 
@@ -59,3 +61,10 @@ TEST_CASE("device: a graph of steps for each camera") {
 }
 
 int main(int argc, char** argv) { return cases_on_device("steps_device", argc, argv); }
+TEST_CASE("device: steps of several pictures are the host's") {
+    steps_of_pictures<Fine>(CudaDevice(), queue(), 3);
+}
+TEST_CASE("device: views that stay in the host's memory give the same bits") {
+    PageLockedMemory page_locked;
+    steps_from_host<Fine>(CudaDevice(), queue(), page_locked);
+}

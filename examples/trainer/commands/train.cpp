@@ -444,7 +444,8 @@ class Trainer {
     double stated_ = 0, held_ = 0, taken_ = 0; ///< device memory of stage 2 [bytes]
 
   public:
-    /// Returns the parts of a step: name, calls, milliseconds per call, share of the time.
+    /// Returns the parts of a step: name, calls, milliseconds per call, their median, share of the
+    /// time.
     Json profile() const {
         double all = 0;
         for (const auto& [name, part] : probe_.parts()) all += part.seconds;
@@ -453,6 +454,7 @@ class Trainer {
             parts.push_back({{"part", name},
                              {"calls", part.calls},
                              {"ms", 1e3 * part.seconds / static_cast<double>(part.calls)},
+                             {"median_ms", 1e3 * part.median()},
                              {"share", part.seconds / all}});
         return parts;
     }
@@ -470,10 +472,11 @@ class Trainer {
 };
 
 void print_profile(const Json& parts) {
-    std::printf("%-22s %10s %10s %7s\n", "part of a step", "calls", "ms a call", "share");
+    std::printf("%-22s %10s %10s %10s %7s\n", "part of a step", "calls", "ms a call", "median",
+                "share");
     for (const Json& part : parts)
-        std::printf("%-22s %10td %10.3f %6.1f%%\n", part["part"].get<std::string>().c_str(),
-                    part["calls"].get<std::ptrdiff_t>(), part["ms"].get<double>(),
+        std::printf("%-22s %10td %10.3f %10.3f %6.1f%%\n", part["part"].get<std::string>().c_str(),
+                    part["calls"].get<std::ptrdiff_t>(), part["ms"].get<double>(), part["median_ms"].get<double>(),
                     100 * part["share"].get<double>());
 }
 

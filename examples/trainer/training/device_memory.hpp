@@ -17,9 +17,9 @@ struct DeviceSizes {
     double face = 0, eyes = 0;         ///< number of Gaussians; of the face, the largest possible
     std::array<double, 4> listed = {}; ///< points moved by expression, pose and both gazes
     double frames = 0, views = 0;      ///< for training
-    double on_host = 0;                ///< of the views, those that stay in the host's memory
     int width = 0, height = 0;         ///< of the pictures [px]
     bool lpips = false;                ///< true if the perceptual loss has weights
+    double on_host = 0;                ///< of the views, those that stay in the host's memory
     int gradients = 0; ///< further ones, for sums over pictures of a step and over ranks
 };
 

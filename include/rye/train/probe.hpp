@@ -3,9 +3,12 @@
 /// the default does nothing and costs nothing.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
+#include <cstddef>
 #include <map>
 #include <string>
+#include <vector>
 
 #include <rye/core/config.hpp>
 
@@ -19,16 +22,28 @@ struct NoProbe {
 /// Probe that sums wall time by part. Keep one for many steps; call start() before each.
 class TimeProbe {
   public:
-    /// Time spent in a part, and number of calls.
+    /// Time spent in a part, in all and by call.
     struct Part {
         double seconds = 0;
         Index calls = 0;
+        std::vector<float> each = {}; ///< [s]
+
+        /// Returns the median of its calls, which what only the first ones do is not in [s].
+        double median() const {
+            if (each.empty()) return 0;
+            std::vector<float> sorted = each;
+            const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+            std::nth_element(sorted.begin(), middle, sorted.end());
+            return static_cast<double>(*middle);
+        }
     };
     void start() { last_ = std::chrono::steady_clock::now(); }
     void operator()(const char* part) {
         const auto now = std::chrono::steady_clock::now();
         Part& p = parts_[part];
-        p.seconds += std::chrono::duration<double>(now - last_).count();
+        const double seconds = std::chrono::duration<double>(now - last_).count();
+        p.seconds += seconds;
+        p.each.push_back(static_cast<float>(seconds));
         ++p.calls;
         last_ = now;
     }
