@@ -405,7 +405,9 @@ class Trainer {
             most_pictures_ = (sizes.views - sizes.on_host) * picture_bytes(state_.config, sizes);
         const DeviceNeed need = device_need(state_.config, sizes);
         stated_ = need.sum();
-        if (!quiet(options_)) std::cout << "stage 2 needs " << text_of(need) << "\n" << std::flush;
+        if (!quiet(options_))
+            std::cout << "stage 2 needs " << text_of(need) << text_of_pictures(sizes) << "\n"
+                      << std::flush;
         require_device_room(need, device, options_.out.string(),
                             "; stage 1 is kept, and `rye train --begin " + options_.out.string() +
                                 "` with lower fields goes on from it");
@@ -520,12 +522,8 @@ TrainedOn trained_on(const TrainOptions& o, const TrainState& state, const Captu
     const DeviceNeed need = device_need(state.config, sizes);
     require_device_room(need, device,
                         o.config.empty() ? "--preset " + state.config.preset : o.config.string());
-    std::string words = "stage 2 is trained on " + device.name + ": " + text_of(need);
-    if (sizes.on_host > 0)
-        words += "; " + std::to_string(static_cast<Index>(sizes.on_host)) + " of " +
-                 std::to_string(static_cast<Index>(sizes.views)) +
-                 " pictures stay in the host's memory";
-    return {finding.found, words};
+    return {finding.found, "stage 2 is trained on " + device.name + ": " + text_of(need) +
+                               text_of_pictures(sizes)};
 }
 
 /// Checks that the checkpoint in the folder fits the options and the capture.

@@ -9,6 +9,7 @@
 
 #include "training/device.hpp"
 #include "training/device_parts.hpp"
+#include "training/rank_watch.hpp"
 
 namespace rye::trainer {
 

@@ -336,6 +336,12 @@ std::string text_of(const DeviceNeed& need) {
     return text;
 }
 
+std::string text_of_pictures(const DeviceSizes& sizes) {
+    if (sizes.on_host <= 0) return "";
+    return "; " + std::to_string(static_cast<Index>(sizes.on_host)) + " of " +
+           std::to_string(static_cast<Index>(sizes.views)) + " pictures stay in the host's memory";
+}
+
 void require_device_room(const DeviceNeed& need, const DeviceFacts& device, const std::string& who,
                          const std::string& rest) {
     char free[64], total[64];

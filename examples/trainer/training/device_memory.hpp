@@ -53,6 +53,9 @@ double views_on_host(const TrainConfig& config, const DeviceSizes& sizes,
 /// Returns the memory of a picture with its masks and drivers [bytes].
 double picture_bytes(const TrainConfig& config, const DeviceSizes& sizes);
 
+/// Returns "; N of M pictures stay in the host's memory", or nothing if none does.
+std::string text_of_pictures(const DeviceSizes& sizes);
+
 /// Throws an Error that begins with `who` and ends with `rest` if more is needed than the device
 /// has free.
 void require_device_room(const DeviceNeed& need, const DeviceFacts& device, const std::string& who,

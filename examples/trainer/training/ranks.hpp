@@ -4,8 +4,6 @@
 /// run's folder.
 #pragma once
 
-#include <functional>
-#include <memory>
 #include <string>
 
 #include <rye/train/thread_group.hpp>
@@ -42,19 +40,6 @@ class RanksInThreads final : public Ranks {
 
   private:
     ThreadGroup group_;
-};
-
-/// Calls act(reason) once if another rank ends while it lives. If this rank still has not left a
-/// call that waits for others some seconds later, ends the program with the reason.
-class RankWatch {
-  public:
-    /// `ranks` must outlive it.
-    RankWatch(Ranks& ranks, std::function<void(const std::string&)> act);
-    ~RankWatch();
-
-  private:
-    struct State;
-    std::unique_ptr<State> state_;
 };
 
 } // namespace rye::trainer

@@ -98,6 +98,7 @@ class NcclRanks final : public DeviceRanks {
     NcclRanks(const NcclRanks&) = delete;
     NcclRanks& operator=(const NcclRanks&) = delete;
     ~NcclRanks() override {
+        const std::lock_guard<std::mutex> lock(state_);
         if (comm_ == nullptr) return;
         // Others may never come where this rank ends by an exception.
         if (std::uncaught_exceptions() > 0) nccl_.abort(comm_);
@@ -145,7 +146,8 @@ class NcclRanks final : public DeviceRanks {
     /// throws an Error with the reason.
     void end(const std::string& reason) {
         // Not longer: the owner may hang in a call that waits for a rank that is gone.
-        const std::unique_lock<std::timed_mutex> lock(mutex_, std::chrono::seconds(5));
+        const std::unique_lock<std::timed_mutex> calls(calls_, std::chrono::seconds(2));
+        const std::lock_guard<std::mutex> lock(state_);
         if (!ended_.empty()) return;
         ended_ = reason;
         if (comm_ != nullptr) nccl_.abort(comm_);
@@ -155,16 +157,26 @@ class NcclRanks final : public DeviceRanks {
   private:
     template <class F>
     void use(const F& f) {
-        const std::lock_guard<std::timed_mutex> lock(mutex_);
-        if (!ended_.empty()) throw Error(ended_);
-        f(comm_);
+        const std::lock_guard<std::timed_mutex> calls(calls_);
+        const auto comm = [&] { // throws the reason, if there is one
+            const std::lock_guard<std::mutex> lock(state_);
+            if (!ended_.empty()) throw Error(ended_);
+            return comm_;
+        };
+        try {
+            f(comm());
+        } catch (const Error&) {
+            static_cast<void>(comm());
+            throw;
+        }
     }
 
     NcclLibrary nccl_;
     int rank_, size_;
     NcclLibrary::Comm comm_ = nullptr;
-    std::timed_mutex mutex_;
-    std::string ended_;
+    std::timed_mutex calls_; ///< held while NCCL is called
+    std::mutex state_;       ///< of comm_ and ended_
+    std::string ended_;      ///< reason of end()
 };
 
 } // namespace rye
