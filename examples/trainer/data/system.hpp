@@ -57,6 +57,9 @@ double machine_memory();
 /// Returns this program's file.
 std::filesystem::path program_file();
 
+/// Returns the name of this machine in its network; empty if it has none.
+std::string host_name();
+
 /// Returns words such as "process 12 on HOST since 2026-01-02T03:04:05Z".
 std::string process_words();
 

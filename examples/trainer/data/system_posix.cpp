@@ -62,15 +62,19 @@ fs::path program_file() {
     return fs::read_symlink("/proc/self/exe", ignored);
 }
 
-std::string process_words() {
+std::string host_name() {
     std::array<char, 256> host{};
     if (::gethostname(host.data(), host.size() - 1) != 0) host[0] = '\0';
+    return host.data();
+}
+
+std::string process_words() {
     std::array<char, 32> since{};
     const std::time_t now = std::time(nullptr);
     std::tm utc{};
     if (::gmtime_r(&now, &utc) != nullptr)
         std::strftime(since.data(), since.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
-    return "process " + std::to_string(::getpid()) + " on " + host.data() + " since " +
+    return "process " + std::to_string(::getpid()) + " on " + host_name() + " since " +
            since.data();
 }
 

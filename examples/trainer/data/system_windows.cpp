@@ -121,16 +121,20 @@ fs::path program_file() {
     return name;
 }
 
-std::string process_words() {
+std::string host_name() {
     std::array<wchar_t, 256> host{};
     DWORD size = host.size();
     if (::GetComputerNameExW(ComputerNameDnsHostname, host.data(), &size) == 0) host[0] = L'\0';
+    return utf8_of(host.data());
+}
+
+std::string process_words() {
     std::array<char, 32> since{};
     const std::time_t now = std::time(nullptr);
     std::tm utc{};
     if (::gmtime_s(&utc, &now) == 0)
         std::strftime(since.data(), since.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
-    return "process " + std::to_string(::GetCurrentProcessId()) + " on " + utf8_of(host.data()) +
+    return "process " + std::to_string(::GetCurrentProcessId()) + " on " + host_name() +
            " since " + since.data();
 }
 
