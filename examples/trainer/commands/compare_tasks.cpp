@@ -92,7 +92,7 @@ std::string unfinished(const ComparePlan& plan, const PlannedRun& run) {
     } catch (const Error& e) {
         return e.what();
     }
-    return fs::exists(checkpoint_path(run.folder)) ? "stopped before its end" : "not begun";
+    return fs::exists(checkpoint_path(run.folder)) ? "not trained to its end" : "not begun";
 }
 
 /// Waits until the run that trains this one's stage 1 has it, or will not have it: it failed, or
@@ -172,8 +172,8 @@ void write_plan(const ComparePlan& plan) {
 ComparePlan read_plan(const CompareOptions& given) {
     const fs::path path = plan_path(given.out);
     const std::string who = path.string();
-    require(fs::exists(path), who,
-            "is not there, expected the --out of `rye compare --emit`, or --table or --list");
+    require(fs::exists(path), who, "is not there, expected the --out of `rye compare --emit`",
+            given.collect ? ", or --table or --list" : "");
     const Json json = read_plan_file(path);
     CompareOptions o = given;
     CompareLists lists;
