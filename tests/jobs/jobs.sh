@@ -184,7 +184,9 @@ gone=0
 while [ $gone = 0 ]; do
     for claim in by_slurm/runs/*/*/seed_*/task.claim; do
         pid=$(process_of "$claim")
-        [ -n "$pid" ] && script=$(ps -o ppid= -p "$pid") && step=$(ps -o ppid= -p "$script") || continue
+        [ -n "$pid" ] || continue
+        script=$(ps -o ppid= -p "$pid") || continue
+        step=$(ps -o ppid= -p "$script") || continue
         [ $gone != 0 ] || kill -KILL "$(cat slurm/slurmd.pid)"
         # shellcheck disable=SC2086,SC2046 # numbers
         kill -KILL $step $script $(ps -o pid= --ppid "$pid") "$pid" 2> /dev/null || true

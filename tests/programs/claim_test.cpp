@@ -43,24 +43,26 @@ TEST_CASE("claim: one process has it, and others learn its name") {
     auto claim = take_within(folder.path, Milliseconds(0));
     REQUIRE(claim);
     const std::string text = bytes_of(folder.path / "task.claim");
-    CHECK(text.starts_with(host_name() + "\nprocess "));
+    CHECK(text.starts_with(system_name() + "\nprocess "));
     std::string holder;
     CHECK(!take_within(folder.path, Milliseconds(250), &holder));
     CHECK(text.find("\n" + holder + "\n") != std::string::npos);
     CHECK(claimed_by(folder.path, quick) == holder);
+    CHECK(LockFile::look(folder.path / "task.lock") == LockFile::Taking::held_by_another);
     CHECK(claim->renew());
     claim.reset();
     CHECK(!fs::exists(folder.path / "task.claim"));
+    CHECK(LockFile::look(folder.path / "task.lock") == LockFile::Taking::done);
     CHECK(!claimed_by(folder.path, quick));
     CHECK(take_within(folder.path, Milliseconds(0)));
     for (const auto& left : fs::directory_iterator(folder.path))
         CHECK(left.path().filename() == "task.lock");
 }
 
-TEST_CASE("claim: what an ended process of this machine left is void at once") {
+TEST_CASE("claim: what an ended process of this system left is void at once") {
     const TemporaryFolder folder;
     write_claim(folder.path / "task.lock", "");
-    write_claim(folder.path / "task.claim", host_name() + "\nprocess 1 on it since then\n7\n");
+    write_claim(folder.path / "task.claim", system_name() + "\nprocess 1 on it since then\n7\n");
     CHECK(!claimed_by(folder.path, quick));
     CHECK(take_within(folder.path, Milliseconds(0)));
 }
@@ -89,7 +91,7 @@ TEST_CASE("claim: another machine's is void once it stands still, and not while 
         CHECK(!beating);
         const auto claim = take_within(folder.path, Milliseconds(5000));
         REQUIRE(claim);
-        CHECK(bytes_of(file).starts_with(host_name() + "\n"));
+        CHECK(bytes_of(file).starts_with(system_name() + "\n"));
     }
     write_claim(file, "elsewhere\nprocess 1 on elsewhere since then\n1\n");
     fs::last_write_time(file, fs::file_time_type::clock::now() - Milliseconds(500));

@@ -82,11 +82,12 @@ std::string failure_of(const PlannedRun& run) {
 /// Returns what keeps a run from the tables; empty if it is complete.
 std::string unfinished(const ComparePlan& plan, const PlannedRun& run) {
     try {
+        const auto holder = claimed_by(run.folder); // before the rest, which it may complete
         if (plan.is_complete(run)) {
             read_results(plan.evaluation_folder(run.folder));
             return "";
         }
-        if (const auto holder = claimed_by(run.folder)) return "running, by " + *holder;
+        if (holder) return "running, by " + *holder;
         const std::string failure = failure_of(run);
         if (!failure.empty()) return failure;
     } catch (const Error& e) {
@@ -110,11 +111,56 @@ bool await_stage_one(const PlannedRun& run, const std::function<bool()>& go_on) 
     return true;
 }
 
-/// Notes and throws the failure of a run.
-[[noreturn]] void fail(const PlannedRun& run, const std::string& reason) {
-    write_text(failed_path(run),
-               checked_text({{"reason", reason}, {"process", process_words()}}, -1));
-    throw Error("rye compare: " + run.name + ": " + reason);
+int stopped(int signal) {
+    std::cerr << "rye compare: stopped; the same task goes on\n";
+    return code_of_stop(signal);
+}
+
+void say(const CompareOptions& o, const PlannedRun& run, const std::string& words) {
+    if (!o.quiet) std::cout << run.name << ": " << words << "\n" << std::flush;
+}
+
+/// Trains and measures a run that is claimed; returns the exit code, throws an Error with the
+/// reason of a failure.
+int run_claimed(const ComparePlan& plan, const PlannedRun& run, Claim& claim) {
+    const CompareOptions& o = plan.options();
+    const bool begun = o.stage_one && has_stage_one(run.folder);
+    if (begun || plan.is_complete(run)) {
+        say(o, run, begun ? "has its stage 1 already" : "is complete already");
+        return 0;
+    }
+    plan.check_there(run);
+    std::error_code ignored;
+    fs::remove(failed_path(run), ignored);
+    {
+        const NotedStops stops;
+        if (!await_stage_one(run, [&] { return claim.renew() && stops.signal() == 0; }) &&
+            stops.signal() != 0)
+            return stopped(stops.signal());
+    }
+    std::optional<ChildResult> result;
+    bool lost = false, enough = false;
+    const int signal = run_children(
+        {plan.job_of(run)}, 1, [&](std::size_t, const ChildResult& r) { result = r; },
+        [&] {
+            lost = !claim.renew();
+            enough = o.stage_one && has_stage_one(run.folder);
+            return lost || enough;
+        });
+    require(!lost, "this process",
+            "it showed no sign of life for so long that another one took the run over");
+    if (result && result->code == 0) {
+        plan.complete(run);
+        say(o, run, std::to_string(static_cast<std::int64_t>(result->seconds)) + " s");
+        return 0;
+    }
+    if (enough) {
+        say(o, run, "has its stage 1");
+        return 0;
+    }
+    if (!result) return stopped(signal);
+    throw Error(result->message.empty() ? "ended with code " + std::to_string(result->code)
+                                        : result->message);
 }
 
 } // namespace
@@ -197,7 +243,7 @@ ComparePlan read_plan(const CompareOptions& given) {
 }
 
 int run_task(const CompareOptions& given) {
-    ComparePlan plan = read_plan(given);
+    const ComparePlan plan = read_plan(given);
     const std::size_t number = static_cast<std::size_t>(*given.task);
     require(number < plan.runs().size(), "--task", "got ", number, ", expected 0 to ",
             plan.runs().size() - 1, ", as ", plan_path(given.out).string(), " has");
@@ -205,56 +251,24 @@ int run_task(const CompareOptions& given) {
     std::error_code fault;
     fs::create_directories(run.folder, fault);
     require(!fault, run.folder.string(), "cannot be made: ", [&] { return fault.message(); });
-    const auto say = [&](const std::string& words) {
-        if (!given.quiet) std::cout << run.name << ": " << words << "\n" << std::flush;
-    };
-    const auto stopped = [](int signal) {
-        std::cerr << "rye compare: stopped; the same task goes on\n";
-        return code_of_stop(signal);
-    };
     std::unique_ptr<Claim> claim;
     {
         const NotedStops stops;
         bool told = false;
         claim = Claim::take(run.folder, [&](const std::string& holder) {
-            if (!std::exchange(told, true)) say("waits for " + holder);
+            if (!std::exchange(told, true)) say(given, run, "waits for " + holder);
             return stops.signal() == 0;
         });
         if (!claim) return stopped(stops.signal());
-        const bool begun = given.stage_one && has_stage_one(run.folder);
-        if (begun || plan.is_complete(run)) {
-            say(begun ? "has its stage 1 already" : "is complete already");
-            return 0;
-        }
-        plan.check_there(run);
-        fs::remove(failed_path(run), fault);
-        if (!await_stage_one(run, [&] { return claim->renew() && stops.signal() == 0; }) &&
-            stops.signal() != 0)
-            return stopped(stops.signal());
     }
-    std::optional<ChildResult> result;
-    bool lost = false, enough = false;
-    const int signal = run_children(
-        {plan.job_of(run)}, 1, [&](std::size_t, const ChildResult& r) { result = r; },
-        [&] {
-            lost = !claim->renew();
-            enough = given.stage_one && has_stage_one(run.folder);
-            return lost || enough;
-        });
-    if (result && result->code == 0) {
-        plan.complete(run);
-        say(std::to_string(static_cast<std::int64_t>(result->seconds)) + " s");
-        return 0;
+    try {
+        return run_claimed(plan, run, *claim);
+    } catch (const Error& e) {
+        if (claim->renew()) // otherwise it is another's
+            write_text(failed_path(run),
+                       checked_text({{"reason", e.what()}, {"process", process_words()}}, -1));
+        throw Error("rye compare: " + run.name + ": " + e.what());
     }
-    require(!lost, "rye compare", run.name,
-            ": this process showed no sign of life for so long that another one took the run over");
-    if (enough) {
-        say("has its stage 1");
-        return 0;
-    }
-    if (!result) return stopped(signal);
-    fail(run, result->message.empty() ? "ended with code " + std::to_string(result->code)
-                                      : result->message);
 }
 
 int collect(ComparePlan& plan) {

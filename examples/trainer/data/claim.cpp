@@ -30,7 +30,7 @@ std::string text_of(const fs::path& file) {
     return text.empty() ? "\n\n" : text;
 }
 
-/// Returns a line of a claim: 0 the machine, 1 the holder, 2 the number of its beats.
+/// Returns a line of a claim: 0 the system, 1 the holder, 2 the number of its beats.
 std::string line_of(const std::string& text, int line) {
     std::size_t at = 0;
     for (; line > 0 && at < text.size(); --line) {
@@ -62,7 +62,8 @@ Claim::~Claim() {
 }
 
 void Claim::write(const fs::path& file) {
-    const std::string text = host_name() + "\n" + holder_ + "\n" + std::to_string(++beats_) + "\n";
+    const std::string text =
+        system_name() + "\n" + holder_ + "\n" + std::to_string(++beats_) + "\n";
     write_atomic(file, std::as_bytes(std::span(text)), Durability::atomic_only);
     last_ = Clock::now();
 }
@@ -101,7 +102,7 @@ std::unique_ptr<Claim> Claim::take(const fs::path& folder,
         if (lock != Taking::held_by_another) {
             if (text.empty()) {
                 claim->held_ = claim->create();
-            } else if (lock == Taking::done && line_of(text, 0) == host_name()) {
+            } else if (lock == Taking::done && line_of(text, 0) == system_name()) {
                 claim->write(claim->file_); // its holder has ended: it would have the lock
                 claim->held_ = true;
             } else if (Clock::now() - since >= times.patience) {
@@ -127,14 +128,12 @@ bool Claim::renew() {
 }
 
 std::optional<std::string> claimed_by(const fs::path& folder, const ClaimTimes& times) {
-    std::error_code fault;
-    if (!fs::exists(lock_file(folder), fault)) return std::nullopt;
     const std::string text = text_of(claim_file(folder));
-    LockFile lock(lock_file(folder), false);
-    const LockFile::Taking taking = lock.take();
+    const LockFile::Taking taking = LockFile::look(lock_file(folder));
     if (taking == LockFile::Taking::held_by_another) return holder_of(text);
-    if (text.empty() || (taking == LockFile::Taking::done && line_of(text, 0) == host_name()))
+    if (text.empty() || (taking == LockFile::Taking::done && line_of(text, 0) == system_name()))
         return std::nullopt;
+    std::error_code fault;
     const auto written = fs::last_write_time(claim_file(folder), fault);
     if (fault || fs::file_time_type::clock::now() - written > times.patience) return std::nullopt;
     return holder_of(text);

@@ -4,7 +4,7 @@
 /// each machine apart, and others keep the lock of a machine that vanished.
 ///
 /// Two files: task.lock, which the holder and its children have locked, and task.claim, which names
-/// the holder and changes at every `beat`. A claim is void if it is of this machine and the lock is
+/// the holder and changes at every `beat`. A claim is void if it is of this system and the lock is
 /// free, or if it did not change for the time of `patience` by the observer's own clock: clocks of
 /// machines are not compared. A holder whose claim was taken (its machine was away) learns it at
 /// its next beat.
