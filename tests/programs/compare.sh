@@ -237,8 +237,8 @@ done
 
 # What is wrong is named; a task that fails is, too, until it succeeds.
 refuses "^rye compare: --task: got 4, expected 0 to 3, as tasks/plan.json has$" task 4
-refuses "^rye compare: --seeds excludes --task$" task 1 --seeds 1
-refuses "^rye compare: --seeds: got a value beside --collect" "$rye" compare --collect --out tasks --seeds 1
+refuses "^rye compare: --task: got --seeds too, expected only --out" task 1 --seeds 1
+refuses "^rye compare: --collect: got --seeds too, expected only --out" "$rye" compare --collect --out tasks --seeds 1
 refuses "^rye compare: one/plan.json: is not there, expected the --out of" "$rye" compare --out one --task 0
 refuses "^rye compare: --with: got '--mem=1G', expected image=IMAGE" emit --out new --emit k8s --with --mem=1G
 [ ! -e new ] || fail "a refused --emit wrote something"

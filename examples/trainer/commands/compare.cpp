@@ -104,10 +104,8 @@ int run(ComparePlan& plan) {
     return 0;
 }
 
-/// Adds the options of tasks that other programs start; `printed` print something else instead.
-void add_tasks(CLI::App& c, CompareOptions& o, const std::vector<CLI::Option*>& printed) {
-    const std::vector<CLI::Option*> others =
-        c.get_options([](const CLI::Option* option) { return !option->check_name("--help"); });
+/// Adds the options of tasks that other programs start.
+void add_tasks(CLI::App& c, CompareOptions& o) {
     CLI::Option* const emit =
         c.add_option("--emit", o.emit,
                      "Train nothing: write OUT/plan.json, which numbers the runs as tasks, and "
@@ -124,27 +122,37 @@ void add_tasks(CLI::App& c, CompareOptions& o, const std::vector<CLI::Option*>& 
                      "Train and measure one run of OUT/plan.json, from where it is")
             ->check(from_to(0, 1000000));
     c.add_flag("--stage-one", o.stage_one, "Its stage 1 alone")->needs(task);
-    CLI::Option* const collect = c.add_flag(
-        "--collect", o.collect,
-        "Make the tables of what is there, also while tasks run, and name what is missing (exit "
-        "code 1); without a list that of OUT/plan.json");
-    for (CLI::Option* option : others)
-        if (!option->check_name("--out") && !option->check_name("--threads") &&
-            !option->check_name("--quiet"))
-            task->excludes(option);
-    for (CLI::Option* option : printed) emit->excludes(option);
-    emit->excludes(task, collect);
-    collect->excludes(task, c.get_option("--jobs"), c.get_option("--threads"),
-                      c.get_option("--print-list"));
+    c.add_flag("--collect", o.collect,
+               "Make the tables of what is there, also while tasks run, and name what is missing "
+               "(exit code 1); without a list that of OUT/plan.json");
 }
 
-/// Throws an Error for options that plan.json has, where no list is given.
-void require_plain(const CLI::App& c) {
-    for (const char* name : {"--capture", "--seeds", "--preset", "--config", "--steps", "--split",
-                             "--device", "--memory", "--perceptual-weights"})
-        require(c.get_option(name)->count() == 0, name,
-                "got a value beside --collect, expected --table or --list too: without them the "
-                "plan in --out has it");
+/// Throws an Error if the command line has an option that is not among these.
+void require_only(const CLI::App& c, const std::string& mode,
+                  const std::vector<std::string>& others, const std::string& expected) {
+    for (const CLI::Option* option : c.get_options()) {
+        const std::string name = option->get_name();
+        require(option->count() == 0 || name == mode ||
+                    std::find(others.begin(), others.end(), name) != others.end(),
+                mode, "got ", name, " too, expected ", expected);
+    }
+}
+
+/// Throws an Error for options that do not go with each other.
+void require_together(const CLI::App& c, const CompareOptions& o) {
+    if (o.task)
+        require_only(c, "--task", {"--out", "--threads", "--quiet", "--stage-one"},
+                     "only --out, --threads, --quiet and --stage-one: OUT/plan.json has the rest");
+    else if (o.collect && o.tables.empty() && o.list.empty())
+        require_only(c, "--collect", {"--out", "--json", "--quiet"},
+                     "only --out, --json and --quiet, or a list (--table, --list)");
+    const auto exclude = [&](const char* mode, std::initializer_list<const char*> others) {
+        for (const char* other : others)
+            require(c.get_option(mode)->count() == 0 || c.get_option(other)->count() == 0, mode,
+                    "got ", other, " too: they exclude each other");
+    };
+    exclude("--collect", {"--emit", "--jobs", "--threads", "--print-list"});
+    exclude("--emit", {"--json", "--print-list"});
 }
 
 int compare(const CompareOptions& o) {
@@ -208,16 +216,15 @@ void add_compare(CLI::App& app) {
     add_threads(*c, o->threads, "Threads of each run (0: the machine's, shared by the jobs)");
     c->add_option("--perceptual-weights", o->perceptual_weights,
                   "VGG16 + LPIPS weights, a safetensors file, for training and for LPIPS");
-    CLI::Option* const json =
-        c->add_flag("--json", o->json, "Print the tables as JSON instead of Markdown");
+    c->add_flag("--json", o->json, "Print the tables as JSON instead of Markdown");
     c->add_flag("--quiet", o->quiet, "No line for each run that ends");
-    CLI::Option* const print_list = c->add_flag(
-        "--print-list", o->print_list, "Print the list as JSON, as --list reads it, and stop");
-    add_tasks(*c, *o, {json, print_list});
+    c->add_flag("--print-list", o->print_list,
+                "Print the list as JSON, as --list reads it, and stop");
+    add_tasks(*c, *o);
     c->callback([c, o] {
         if (const CLI::Option* memory = c->get_option("--memory"); memory->count() > 0)
             o->memory = memory->as<std::string>();
-        if (o->collect && o->tables.empty() && o->list.empty()) require_plain(*c);
+        require_together(*c, *o);
         o->jobs_given = c->get_option("--jobs")->count() > 0;
         const int code = compare(*o);
         if (code != 0) throw CLI::RuntimeError(code);
