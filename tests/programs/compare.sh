@@ -225,6 +225,7 @@ for signal in KILL TERM; do
     if [ $signal = TERM ]; then
         "$rye" compare --collect --out killed > tables.txt 2> missing.txt && fail "tables without runs"
         grep -q "as it is, cap, seed 1: running, by process $pid on" missing.txt || { cat missing.txt; fail "a run that is running"; }
+        refuses "seed_1: is in use by a task, process $pid on .*; wait until" long --out killed
     fi
     kill -$signal $pid
     code=0

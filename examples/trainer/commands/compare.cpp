@@ -13,6 +13,7 @@
 #include "commands/compare_plan.hpp"
 #include "commands/compare_tasks.hpp"
 #include "commands/options.hpp"
+#include "data/claim.hpp"
 #include "data/folder_lock.hpp"
 #include "data/system.hpp"
 
@@ -57,7 +58,12 @@ int run(ComparePlan& plan) {
     const CompareOptions& o = plan.options();
     plan.add_runs();
     const FolderLock lock = locked(o.out);
-    for (const PlannedRun* r : plan.runs()) plan.check_there(*r);
+    for (const PlannedRun* r : plan.runs()) {
+        plan.check_there(*r);
+        if (const auto holder = claimed_by(r->folder))
+            throw Error(r->folder.string() + ": is in use by a task, " + *holder +
+                        "; wait until it has ended, or --collect what there is");
+    }
     plan.share_stage_one();
     std::vector<ChildJob> jobs;
     std::vector<PlannedRun*> of_job;

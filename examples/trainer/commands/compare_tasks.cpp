@@ -12,6 +12,7 @@
 
 #include <rye/core/checksum.hpp>
 
+#include "commands/options.hpp"
 #include "data/checksums.hpp"
 #include "data/claim.hpp"
 #include "data/json_fields.hpp"
@@ -234,7 +235,10 @@ ComparePlan read_plan(const CompareOptions& given) {
     o.device = json_text(json, "device", o.device, who);
     o.memory = json_text(json, "memory", o.memory, who);
     o.perceptual_weights = json_text(json, "perceptual_weights", "", who);
-    if (o.threads == 0) o.threads = static_cast<int>(json_number(json, "threads", 0, who));
+    const double threads = json_number(json, "threads", 0, who);
+    require(threads >= 0 && threads <= most_threads, who + ": threads", "got ", threads,
+            ", expected 0 to ", most_threads);
+    if (o.threads == 0) o.threads = static_cast<int>(threads);
     ComparePlan plan(o, lists);
     plan.add_runs();
     plan.share_stage_one();

@@ -136,9 +136,9 @@ LockFile::Taking LockFile::look(const fs::path& path) {
     while ((failed = ::flock(file, LOCK_SH | LOCK_NB)) != 0 && errno == EINTR) continue;
     const int reason = errno;
     ::close(file);
-    return failed == 0              ? Taking::done
+    return failed == 0             ? Taking::done
            : reason == EWOULDBLOCK ? Taking::held_by_another
-                                    : Taking::no_locks;
+                                   : Taking::no_locks;
 }
 
 std::string LockFile::words() const {
