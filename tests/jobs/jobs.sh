@@ -180,18 +180,21 @@ sh by_slurm/submit.sh > again.txt
 grep -q "are in the queue as rye-[0-9a-f]* already$" again.txt || { cat again.txt; fail "submitted twice"; }
 kill_a_task by_slurm
 # The node vanishes, with all that works there, and comes back when Slurm has given it up.
+parent_of() { [ -z "$1" ] || ps -o ppid= -p "$1" 2> /dev/null | tr -d ' '; }
 gone=0
 while [ $gone = 0 ]; do
     for claim in by_slurm/runs/*/*/seed_*/task.claim; do
         pid=$(process_of "$claim")
         [ -n "$pid" ] || continue
-        script=$(ps -o ppid= -p "$pid") || continue
-        step=$(ps -o ppid= -p "$script") || continue
+        script=$(parent_of "$pid")
+        step=$(parent_of "$script")
+        case $(ps -o args= -p "${step:-1}" 2> /dev/null || true) in slurmstepd*) ;; *) continue ;; esac
         [ $gone != 0 ] || kill -KILL "$(cat slurm/slurmd.pid)"
-        # shellcheck disable=SC2086,SC2046 # numbers
-        kill -KILL $step $script $(ps -o pid= --ppid "$pid") "$pid" 2> /dev/null || true
+        # shellcheck disable=SC2046 # numbers
+        kill -KILL "$step" "$script" $(ps -o pid= --ppid "$pid") "$pid" 2> /dev/null || true
         gone=$((gone + 1))
     done
+    sleep 0.1
 done
 echo "the node vanished with $gone tasks"
 node_is down down\*
@@ -204,7 +207,6 @@ done
 compared by_slurm $(($(date +%s) - since))
 back=$(grep -ci requeu slurm/slurmctld.log || true)
 [ "$back" -gt "$gone" ] || fail "$back words of tasks that went back to the queue, expected more than $gone"
-sh by_slurm/submit.sh > again.txt
 "$rye" compare --list "$work/list.json" --out by_slurm --threads 1 --emit slurm > again.txt
 grep -q "^24 runs, 0 of them to do" again.txt || { cat again.txt; fail "done again"; }
 sh by_slurm/submit.sh | grep -qx "all runs are complete" || fail "complete runs are submitted"
