@@ -33,7 +33,7 @@ int main(int argc, char** argv) {
     app.require_subcommand(1);
     app.footer(
         "Exit codes: 0 done; 1 the command ran and its answer is no (rye info, rye import: not "
-        "usable); "
+        "usable; rye compare --collect: not complete); "
         "2 a wrong command line, an unusable input, or no memory or disk for the work.");
     add_commands(app);
     return run_program(app, argc, argv);

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # compare.sh RYE WORK: `rye compare` in small: every gaze mechanism trains, tables have the numbers
 # of `rye evaluate`, what is there is not done again, a comparison that is killed or stopped goes on
-# to the same bits, and wrong lists get one sentence.
+# to the same bits, as do tasks that other programs start, and wrong lists get one sentence.
 set -eu
 rye=$1
 work=$2
@@ -170,6 +170,135 @@ fi
 grep -q "1 of 2 runs failed" half.err || { cat half.err; fail "the number of failed runs"; }
 grep -q "^not run: a, broken, seed 1: rye train: " half/list.md || { cat half/list.md; fail "the reason"; }
 grep -q "^list,cap,all,a,head_psnr," half/list.csv || { cat half/list.csv; fail "the run that is sound"; }
+
+# ---- tasks that other programs start ------------------------------------------------------------
+emit() { "$rye" compare --list mine.json --config small.json "$@"; }
+emit --out tasks --emit slurm --threads 1 > emitted.txt
+grep -q "^4 runs, 4 of them to do: sh tasks/submit.sh$" emitted.txt || { cat emitted.txt; fail "what is emitted"; }
+cp tasks/plan.json plan.json
+for launcher in parallel k8s; do emit --out tasks --emit $launcher --threads 1 > emitted.txt; done
+same plan.json tasks/plan.json
+for script in slurm.sbatch submit.sh parallel.sh; do sh -n tasks/$script || fail "$script"; done
+code=0
+"$rye" compare --collect --out tasks > tables.txt 2> missing.txt || code=$?
+[ $code = 1 ] || fail "code $code of tables without runs, expected 1"
+grep -q "^rye compare: as it is, cap, seed 1: not begun$" missing.txt || { cat missing.txt; fail "a missing run"; }
+grep -q "^rye compare: 4 of 4 runs are not in the tables$" missing.txt || { cat missing.txt; fail "missing runs"; }
+task() { "$rye" compare --out tasks --quiet --task "$@"; }
+# Task 3 takes stage 1 from task 1; of two that are started at once one does the work.
+task 1 --stage-one
+task 1 --stage-one
+task 1 & first=$!
+task 1
+wait $first || fail "a task that is started twice"
+task 3
+grep -q '^{"stage":"labels"' tasks/runs/cap/blank0/seed_5/log.jsonl && fail "task 3 trained a stage 1"
+code=0
+"$rye" compare --collect --out tasks --json > half.json 2> missing.txt || code=$?
+[ $code = 1 ] && grep -q "2 of 4 runs are not" missing.txt || { cat missing.txt; fail "tables of half the runs"; }
+grep -q '"reason": "not begun"' half.json || fail "no reason in --json"
+task 0
+task 2
+task 2
+"$rye" compare --collect --out tasks > tables.txt 2> missing.txt || { cat missing.txt; fail "tables of all runs"; }
+[ ! -s missing.txt ] || fail "something is said of complete tables"
+"$rye" compare --collect --list mine.json --config small.json --out tasks > with_list.txt
+for file in mine.md mine.csv mine_runs.csv mine_cap.png; do same one/$file tasks/$file; done
+for r in as_it_is blank0; do
+    for s in 1 5; do
+        [ ! -e tasks/runs/cap/$r/seed_$s/task.claim ] || fail "a claim of a task that has ended"
+    done
+done
+emit --out tasks --emit slurm > emitted.txt
+grep -q "^4 runs, 0 of them to do" emitted.txt || { cat emitted.txt; fail "to do again"; }
+sh tasks/submit.sh | grep -qx "all runs are complete" || fail "complete tasks are submitted"
+
+# One that is killed goes on from its checkpoint; one that is stopped, too.
+long() { "$rye" compare --list mine.json --config small.json --capture "$PWD/cap" --steps 400 "$@"; }
+long --out straight --jobs 2 > straight.txt
+long --out killed --emit parallel > emitted.txt
+for signal in KILL TERM; do
+    run=killed/runs/cap/as_it_is/seed_1
+    rm -rf killed/runs
+    "$rye" compare --out killed --quiet --task 0 2> err.txt & pid=$!
+    while [ ! -e $run/checkpoint.safetensors ] && kill -0 $pid 2> /dev/null; do sleep 0.02; done
+    if [ $signal = TERM ]; then
+        "$rye" compare --collect --out killed > tables.txt 2> missing.txt && fail "tables without runs"
+        grep -q "as it is, cap, seed 1: running, by process $pid on" missing.txt || { cat missing.txt; fail "a run that is running"; }
+        refuses "seed_1: is in use by a task, process $pid on .*; wait until" long --out killed
+    fi
+    kill -$signal $pid
+    code=0
+    wait $pid 2> /dev/null || code=$?
+    [ $signal = KILL ] || [ $code = 143 ] || { cat err.txt; fail "code $code of a task that is stopped"; }
+    "$rye" compare --out killed --quiet --task 0
+    same straight/runs/cap/as_it_is/seed_1/evaluation_test/results.json $run/evaluation_test/results.json
+    same straight/runs/cap/as_it_is/seed_1/checkpoint.safetensors $run/checkpoint.safetensors
+done
+
+# What is wrong is named; a task that fails is, too, until it succeeds.
+refuses "^rye compare: --task: got 4, expected 0 to 3, as tasks/plan.json has$" task 4
+refuses "^rye compare: --task: got --seeds too, expected only --out" task 1 --seeds 1
+refuses "^rye compare: --collect: got --seeds too, expected only --out" "$rye" compare --collect --out tasks --seeds 1
+refuses "^rye compare: one/plan.json: is not there, expected the --out of" "$rye" compare --out one --task 0
+refuses "^rye compare: --with: got '--mem=1G', expected image=IMAGE" emit --out new --emit k8s --with --mem=1G
+[ ! -e new ] || fail "a refused --emit wrote something"
+refuses "^rye compare: tasks/plan.json: tasks\[1\]: got 'runs/cap/as_it_is/seed_5', which is no run of the list" \
+    emit --out tasks --emit slurm --seeds 1
+refuses "^rye compare: tasks/plan.json: tasks\[0\]: the configuration of 'runs/cap/as_it_is/seed_1' is not that" \
+    emit --out tasks --emit slurm --steps 13
+refuses "^rye compare: tasks/plan.json: tasks: got 4 runs, expected 6" emit --out tasks --emit slurm --seeds 1,5,6
+cp tasks/plan.json whole.json
+sed 's/"split": "test"/"split": "novel"/' whole.json > tasks/plan.json
+refuses "plan.json: field 'checksum': is not that of the other fields: the file is damaged$" task 0
+refuses "plan.json: field 'checksum'" "$rye" compare --collect --out tasks
+head -c 300 whole.json > tasks/plan.json
+refuses "tasks/plan.json: not JSON" task 0
+cp whole.json tasks/plan.json
+mv cap elsewhere
+refuses "got '$work/cap', which is no folder" task 0
+mv elsewhere cap
+echo '{"preset": "tiny", "captures": ["cap", "broken"], "seeds": [1], "rows": [{"name": "a"}]}' > list.json
+"$rye" compare --list list.json --config small.json --out fails --emit slurm > emitted.txt
+refuses "^rye compare: a, broken, seed 1: rye train: " "$rye" compare --out fails --quiet --task 1
+"$rye" compare --out fails --quiet --task 0
+code=0
+"$rye" compare --collect --out fails > tables.txt 2> missing.txt || code=$?
+[ $code = 1 ] || fail "code $code with a run that failed, expected 1"
+sed "s|$work/||g" fails/list.md > reasons.md
+same half/list.md reasons.md
+printf 'x' >> fails/runs/cap/a/seed_1/evaluation_test/results.json
+"$rye" compare --collect --out fails > tables.txt 2> missing.txt && fail "damaged results are in a table"
+grep -q "a, cap, seed 1: .*results.json: not JSON" missing.txt || { cat missing.txt; fail "damaged results"; }
+
+# What Kubernetes demands of an indexed job.
+emit --out tasks --emit k8s --device cuda --threads 4 --jobs 2 --with image=r/rye:1 \
+    --with "volume=claim:$work" --with memory=8Gi > emitted.txt
+if python3 -c 'import yaml' 2> /dev/null; then
+    python3 - tasks/k8s.yaml "$work" << 'PY' || fail "k8s.yaml"
+import sys, yaml
+job = yaml.safe_load(open(sys.argv[1]))
+assert (job["apiVersion"], job["kind"]) == ("batch/v1", "Job")
+assert set(job) == {"apiVersion", "kind", "metadata", "spec"}
+spec, pod = job["spec"], job["spec"]["template"]["spec"]
+assert set(spec) == {"completionMode", "completions", "parallelism", "backoffLimitPerIndex",
+                     "maxFailedIndexes", "podReplacementPolicy", "podFailurePolicy", "template"}
+assert spec["completionMode"] == "Indexed" and spec["completions"] == 4 and spec["parallelism"] == 2
+assert 0 <= spec["maxFailedIndexes"] <= spec["completions"] and spec["backoffLimitPerIndex"] == 2
+# A policy of failures wants these two.
+assert pod["restartPolicy"] == "Never" and spec["podReplacementPolicy"] == "Failed"
+[rye] = pod["containers"]
+assert rye["command"][:4] == ["rye", "compare", "--out", sys.argv[2] + "/tasks"]
+assert rye["command"][-2:] == ["--task", "$(JOB_COMPLETION_INDEX)"]
+assert rye["image"] == "r/rye:1" and rye["resources"]["requests"]["cpu"] == "4"
+assert rye["resources"]["limits"] == {"memory": "8Gi", "nvidia.com/gpu": 1}
+[volume], [mount] = pod["volumes"], rye["volumeMounts"]
+assert volume["name"] == mount["name"] and mount["mountPath"] == sys.argv[2]
+assert volume["persistentVolumeClaim"] == {"claimName": "claim"}
+PY
+else
+    echo "not run: the fields of k8s.yaml: no python3 with yaml"
+fi
 
 # ---- every gaze mechanism ------------------------------------------------------------------------
 "$rye" compare --table mechanisms,deformation --preset tiny --config small.json --capture cap \

@@ -39,7 +39,8 @@ std::string last_line(const fs::path& path) {
 } // namespace
 
 int run_children(std::vector<ChildJob> jobs, int at_once,
-                 const std::function<void(std::size_t, const ChildResult&)>& ended) {
+                 const std::function<void(std::size_t, const ChildResult&)>& ended,
+                 const std::function<bool()>& enough) {
     require(fs::exists(own_program()), "rye compare", own_program().string(),
             " is not there, by which it starts its own commands");
     struct Running {
@@ -63,12 +64,22 @@ int run_children(std::vector<ChildJob> jobs, int at_once,
         return found == waiting.end() && running.empty() ? waiting.begin() : found;
     };
     const NotedStops stops;
-    bool told = false;
+    bool told = false, stopped = false;
+    Clock::time_point asked{};
+    /// Returns the signal that stops the jobs, or 0.
+    const auto stop = [&] {
+        const auto now = Clock::now();
+        if (enough && !stopped && now - asked > std::chrono::milliseconds(200)) {
+            asked = now;
+            stopped = enough();
+        }
+        return stops.signal() != 0 ? stops.signal() : stopped ? SIGTERM : 0;
+    };
     const auto begin = [&](std::size_t job, std::size_t command, Clock::time_point began) {
         running.push_back({job, command, began, start(jobs[job], jobs[job].commands[command])});
     };
     while (!waiting.empty() || !running.empty()) {
-        while (stops.signal() == 0 && running.size() < static_cast<std::size_t>(at_once)) {
+        while (stop() == 0 && running.size() < static_cast<std::size_t>(at_once)) {
             const auto next = next_ready();
             if (next == waiting.end()) break;
             const std::size_t job = *next;
@@ -78,7 +89,7 @@ int run_children(std::vector<ChildJob> jobs, int at_once,
             fs::remove(jobs[job].log, ignored);
             begin(job, 0, Clock::now());
         }
-        if (stops.signal() != 0) {
+        if (stop() != 0) {
             if (!told)
                 for (Running& r : running) r.program.stop();
             told = true;
@@ -96,16 +107,16 @@ int run_children(std::vector<ChildJob> jobs, int at_once,
         running.erase(found);
         const ChildJob& job = jobs[r.job];
         const int code = *ended_with;
-        if (code == 0 && r.command + 1 < job.commands.size() && stops.signal() == 0) {
+        if (code == 0 && r.command + 1 < job.commands.size() && stop() == 0) {
             begin(r.job, r.command + 1, r.began);
             continue;
         }
         const bool done = code == 0 && r.command + 1 == job.commands.size();
-        if (stops.signal() != 0 && !done) continue; // stopped, not failed
+        if (stop() != 0 && !done) continue; // stopped, not failed
         ended(r.job, {code, code == 0 ? "" : last_line(errors_of(job)),
                       std::chrono::duration<double>(Clock::now() - r.began).count()});
     }
-    return stops.signal();
+    return stops.signal() != 0 ? stops.signal() : stopped ? SIGTERM : 0;
 }
 
 } // namespace rye::trainer

@@ -28,8 +28,11 @@ struct ChildResult {
 };
 
 /// Runs the jobs, `at_once` at a time and in order, except those that are not ready; calls `ended`
-/// with the index and result of each job that ends. Returns the signal that stopped them, or 0.
+/// with the index and result of each job that ends. `enough`, if not empty, is called several times
+/// a second; once it returns true the jobs are stopped as by a signal. Returns the signal that
+/// stopped them, or 0.
 int run_children(std::vector<ChildJob> jobs, int at_once,
-                 const std::function<void(std::size_t, const ChildResult&)>& ended);
+                 const std::function<void(std::size_t, const ChildResult&)>& ended,
+                 const std::function<bool()>& enough = {});
 
 } // namespace rye::trainer

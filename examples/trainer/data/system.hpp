@@ -57,6 +57,10 @@ double machine_memory();
 /// Returns this program's file.
 std::filesystem::path program_file();
 
+/// Returns a name of the running system, which its containers share and a restart changes; that of
+/// the machine where it has none.
+std::string system_name();
+
 /// Returns words such as "process 12 on HOST since 2026-01-02T03:04:05Z".
 std::string process_words();
 
@@ -97,6 +101,8 @@ class LockFile {
     LockFile& operator=(const LockFile&) = delete;
 
     Taking take();
+    /// Returns what take() would, without the lock; others may ask at once. `done` without a file.
+    static Taking look(const std::filesystem::path& path);
     std::string words() const;             ///< at most 400 bytes
     void write(const std::string& words);  ///< when the lock is taken; a full disk is no error
 

@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
+#include <fstream>
 
 #include <fcntl.h>
 #include <sys/file.h>
@@ -62,15 +63,29 @@ fs::path program_file() {
     return fs::read_symlink("/proc/self/exe", ignored);
 }
 
-std::string process_words() {
+namespace {
+
+std::string host_name() {
     std::array<char, 256> host{};
     if (::gethostname(host.data(), host.size() - 1) != 0) host[0] = '\0';
+    return host.data();
+}
+
+} // namespace
+
+std::string system_name() {
+    std::ifstream file("/proc/sys/kernel/random/boot_id");
+    std::string name;
+    return std::getline(file, name) && !name.empty() ? name : host_name();
+}
+
+std::string process_words() {
     std::array<char, 32> since{};
     const std::time_t now = std::time(nullptr);
     std::tm utc{};
     if (::gmtime_r(&now, &utc) != nullptr)
         std::strftime(since.data(), since.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
-    return "process " + std::to_string(::getpid()) + " on " + host.data() + " since " +
+    return "process " + std::to_string(::getpid()) + " on " + host_name() + " since " +
            since.data();
 }
 
@@ -111,6 +126,19 @@ LockFile::Taking LockFile::take() {
         if (errno != EINTR)
             return errno == EWOULDBLOCK ? Taking::held_by_another : Taking::no_locks;
     return Taking::done;
+}
+
+LockFile::Taking LockFile::look(const fs::path& path) {
+    const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    if (file < 0 && errno == ENOENT) return Taking::done;
+    require(file >= 0, path.string(), "cannot be read: ", [&] { return std::strerror(errno); });
+    int failed = 0;
+    while ((failed = ::flock(file, LOCK_SH | LOCK_NB)) != 0 && errno == EINTR) continue;
+    const int reason = errno;
+    ::close(file);
+    return failed == 0             ? Taking::done
+           : reason == EWOULDBLOCK ? Taking::held_by_another
+                                   : Taking::no_locks;
 }
 
 std::string LockFile::words() const {

@@ -121,16 +121,20 @@ fs::path program_file() {
     return name;
 }
 
-std::string process_words() {
+std::string system_name() {
     std::array<wchar_t, 256> host{};
     DWORD size = host.size();
     if (::GetComputerNameExW(ComputerNameDnsHostname, host.data(), &size) == 0) host[0] = L'\0';
+    return utf8_of(host.data());
+}
+
+std::string process_words() {
     std::array<char, 32> since{};
     const std::time_t now = std::time(nullptr);
     std::tm utc{};
     if (::gmtime_s(&utc, &now) == 0)
         std::strftime(since.data(), since.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
-    return "process " + std::to_string(::GetCurrentProcessId()) + " on " + utf8_of(host.data()) +
+    return "process " + std::to_string(::GetCurrentProcessId()) + " on " + system_name() +
            " since " + since.data();
 }
 
@@ -177,6 +181,16 @@ LockFile::Taking LockFile::take() {
         throw Error(path_.string() + ": cannot be written: " + system_text(reason));
     }
     file_ = ::_open_osfhandle(reinterpret_cast<std::intptr_t>(handle), _O_BINARY);
+    return Taking::done;
+}
+
+LockFile::Taking LockFile::look(const fs::path& path) {
+    const HANDLE handle =
+        ::CreateFileW(path.c_str(), GENERIC_READ | GENERIC_WRITE, FILE_SHARE_READ | FILE_SHARE_WRITE,
+                      nullptr, OPEN_EXISTING, FILE_ATTRIBUTE_NORMAL, nullptr);
+    if (handle == INVALID_HANDLE_VALUE)
+        return ::GetLastError() == ERROR_SHARING_VIOLATION ? Taking::held_by_another : Taking::done;
+    ::CloseHandle(handle);
     return Taking::done;
 }
 
