@@ -11,7 +11,7 @@
 #include <rye/splat/cuda/sh_color.hpp>
 #include <rye/train/cuda/centring.hpp>
 #include <rye/train/cuda/image_losses.hpp>
-#include <rye/train/cuda/step_kernels.hpp>
+#include <rye/train/cuda/step_sums.hpp>
 
 using namespace rye;
 using Rules = FeaturesOnly<Fast>;
@@ -77,6 +77,8 @@ const void* const kernels[] = {kernel<ProjectKernel<Rules, NoDistortion>>(),
                                kernel<CentreRowsKernel>(),
                                kernel<CentreViewsKernel>(),
                                kernel<EndStepKernel>(),
+                               kernel<EachKernel<PutPicture>>(),
+                               kernel<TakeTail>(),
                                kernel<PlaceEyesKernel<Learned>>(),
                                kernel<KappaVjpKernel<Learned>>(),
                                kernel<EachKernel<TurnInputs>>(),

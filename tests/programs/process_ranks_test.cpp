@@ -134,5 +134,6 @@ TEST_CASE("ranks in processes: names of launchers and numbers of ranks") {
     for (const char* text : {"", "0", "-1", "2x", "1025", "many"})
         CHECK_THROWS_WITH(parsed_ranks(text, "--ranks"),
                           ("--ranks: got '" + std::string(text) +
-                           "', expected a number from 1 to 1024, torchrun, mpi or slurm").c_str());
+                           "', expected a number from 1 to 1024, torchrun, mpi or slurm")
+                              .c_str());
 }

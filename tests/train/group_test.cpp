@@ -32,8 +32,8 @@ AvatarTraining<> training() {
 
 /// Returns picture k of a step, of another frame, gaze and noise each.
 AvatarSample<float> picture(Index step, Index k) {
-    AvatarSample<float> s =
-        tiny_sample<float>(Draw{{static_cast<std::uint64_t>(9 + step), static_cast<std::uint64_t>(k)}});
+    AvatarSample<float> s = tiny_sample<float>(
+        Draw{{static_cast<std::uint64_t>(9 + step), static_cast<std::uint64_t>(k)}});
     s.frame = k % 2;
     s.drivers.expression *= 1.0F - 0.1F * static_cast<float>(k);
     return s;
@@ -48,8 +48,8 @@ struct Trained {
 /// Settings of a case: what a rank does before a step, and its picture.
 struct Faults {
     std::function<void(int rank, Index step)> before = [](int, Index) {};
-    std::function<void(AvatarSample<float>&, Index step, Index k)> spoil =
-        [](AvatarSample<float>&, Index, Index) {};
+    std::function<void(AvatarSample<float>&, Index step, Index k)> spoil = [](AvatarSample<float>&,
+                                                                              Index, Index) {};
 };
 
 template <class G>
@@ -147,8 +147,9 @@ TEST_CASE("ranks share the pictures of a step without gaps") {
             }
             CHECK(next == all);
         }
-    CHECK_THROWS_WITH(step_share(2, 0, 3), "step_share: a step shows 2 pictures, expected 3 or "
-                                           "more, one for each rank");
+    CHECK_THROWS_WITH(step_share(2, 0, 3),
+                      "step_share: a step shows 2 pictures, expected 3 or "
+                      "more, one for each rank");
     CHECK_THROWS_WITH(step_share(2, 2, 2),
                       "step_share: got rank 2 of 2, expected a rank from 0 to 1");
 }
@@ -244,14 +245,17 @@ TEST_CASE("a rank that ends, ends the others with its reason") {
             if (rank == which && step == 1) throw Error("a disk is full");
         };
         std::vector<std::string> reasons(3);
-        CHECK_THROWS_WITH(run_ranks(3, [&](ThreadGroup& group) {
-            try {
-                train(group, 3, faults);
-            } catch (const std::exception& e) {
-                reasons[static_cast<std::size_t>(group.rank())] = e.what();
-                throw;
-            }
-        }), "a disk is full");
+        CHECK_THROWS_WITH(run_ranks(3,
+                                    [&](ThreadGroup& group) {
+                                        try {
+                                            train(group, 3, faults);
+                                        } catch (const std::exception& e) {
+                                            reasons[static_cast<std::size_t>(group.rank())] =
+                                                e.what();
+                                            throw;
+                                        }
+                                    }),
+                          "a disk is full");
         for (int r = 0; r < 3; ++r)
             CHECK(reasons[static_cast<std::size_t>(r)] ==
                   (r == which ? std::string("a disk is full")
@@ -279,10 +283,13 @@ TEST_CASE("a gradient that is not finite on one rank is refused by all, which go
 }
 
 TEST_CASE("ranks whose arrays differ are told which") {
-    CHECK_THROWS_WITH(run_ranks(2, [&](ThreadGroup& group) {
-        std::vector<float> x(static_cast<std::size_t>(3 + group.rank()));
-        group.sum(GroupArrays<float>{x});
-    }), "ThreadGroup: array 0 of rank 1 has 4 numbers, that of rank 0 has 3");
+    CHECK_THROWS_WITH(
+        run_ranks(2,
+                  [&](ThreadGroup& group) {
+                      std::vector<float> x(static_cast<std::size_t>(3 + group.rank()));
+                      group.sum(GroupArrays<float>{x});
+                  }),
+        "ThreadGroup: array 0 of rank 1 has 4 numbers, that of rank 0 has 3");
     CHECK_THROWS_WITH(run_ranks(0, [](ThreadGroup&) {}),
                       "ThreadMeeting: got 0 ranks, expected 1 or more");
     std::vector<int> values(3);

@@ -6,8 +6,8 @@
 #include <chrono>
 #include <condition_variable>
 #include <exception>
-#include <iterator>
 #include <iostream>
+#include <iterator>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -198,8 +198,7 @@ struct RanksInProcesses::Meeting {
             const std::string sign = contents(named("alive", r)).value_or("");
             const auto [known, fresh] = heard.try_emplace(r, Heard{sign, Clock::now()});
             if (known->second.sign != sign) known->second = {sign, Clock::now()};
-            if (const double silent = seconds_since(known->second.since);
-                silent > times.patience)
+            if (const double silent = seconds_since(known->second.since); silent > times.patience)
                 return reason = "rank " + std::to_string(r) + " ended: no sign of life for " +
                                 std::to_string(static_cast<int>(silent)) + " s";
         }
@@ -225,8 +224,8 @@ RanksInProcesses::RanksInProcesses(const fs::path& run, const LaunchedRank& plac
     m.times = times;
     std::error_code fault;
     fs::create_directories(m.folder, fault);
-    require(fs::is_directory(m.folder), m.folder.string(), "cannot be made: ",
-            [&] { return fault.message(); });
+    require(fs::is_directory(m.folder), m.folder.string(),
+            "cannot be made: ", [&] { return fault.message(); });
     m.arrive();
     m.signs = std::thread([&m] { m.give_signs(); });
 }
@@ -245,8 +244,11 @@ RanksInProcesses::~RanksInProcesses() {
                 if (!contents(m.named("done", r))) return false;
             return true;
         };
-        while (!all_done() && seconds_since(begin) < m.times.patience)
+        while (!all_done()) {
+            // Those that still run may want to read why.
+            if (!m.reason_now().empty() || seconds_since(begin) > m.times.patience) return;
             std::this_thread::sleep_for(look);
+        }
     } catch (const Error&) {
         return; // files for other ranks only
     }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/process_ranks.hpp: ranks in processes, on one machine or several that see the run's
 /// folder, started by a launcher. They meet in its folder ranks/, by files that each names after a
-/// number that rank 0 draws, so that those of an earlier start mean nothing. A rank that ends leaves
-/// its reason there; one that is killed gives no signs of life any more.
+/// number that rank 0 draws, so that those of an earlier start mean nothing. A rank that ends
+/// leaves its reason there; one that is killed gives no signs of life any more.
 #pragma once
 
 #include <filesystem>
@@ -32,9 +32,9 @@ LaunchedRank launched_by(const std::string& launcher);
 
 /// Times of the ranks' files [s].
 struct RankTimes {
-    double sign = 2;       ///< between a rank's signs of life
-    double patience = 15;  ///< without a sign after which a rank has ended
-    double arrival = 300;  ///< for all ranks to come
+    double sign = 2;      ///< between a rank's signs of life
+    double patience = 10; ///< without a sign after which a rank has ended
+    double arrival = 300; ///< for all ranks to come
 };
 
 /// Ranks in processes.

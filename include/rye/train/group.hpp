@@ -125,9 +125,11 @@ class StepSums {
         levels_.close([&](int level) { join(level); });
         Level& sum = level_.front();
         GroupArrays<T> arrays;
-        P::fields([&](const std::string&, auto& a) {
-            arrays.push_back({a.data(), static_cast<std::size_t>(a.size())});
-        }, sum.gradient);
+        P::fields(
+            [&](const std::string&, auto& a) {
+                arrays.push_back({a.data(), static_cast<std::size_t>(a.size())});
+            },
+            sum.gradient);
         L::fields([&](const char*, auto& a) { arrays.push_back({&a, 1}); }, sum.losses);
         group.sum(arrays);
         return {sum.gradient, sum.losses};

@@ -45,8 +45,8 @@ class ThreadMeeting {
     void fail(int rank, const std::string& reason) {
         const std::lock_guard<std::mutex> lock(mutex_);
         if (!failed_)
-            failed_ = std::make_unique<std::string>("rank " + std::to_string(rank) +
-                                                    " ended: " + reason);
+            failed_ =
+                std::make_unique<std::string>("rank " + std::to_string(rank) + " ended: " + reason);
         all_here_.notify_all();
     }
     /// Returns the reason if a rank has ended, else nothing.
@@ -94,8 +94,8 @@ class ThreadGroup {
             require(of(r).size() == of(0).size(), "ThreadGroup", "rank ", r, " has ", of(r).size(),
                     " arrays, rank 0 has ", of(0).size());
             for (std::size_t k = 0; k < of(0).size(); ++k)
-                require(of(r)[k].size() == of(0)[k].size(), "ThreadGroup", "array ", k,
-                        " of rank ", r, " has ", of(r)[k].size(), " numbers, that of rank 0 has ",
+                require(of(r)[k].size() == of(0)[k].size(), "ThreadGroup", "array ", k, " of rank ",
+                        r, " has ", of(r)[k].size(), " numbers, that of rank 0 has ",
                         of(0)[k].size());
         }
         std::vector<T> x(static_cast<std::size_t>(n));

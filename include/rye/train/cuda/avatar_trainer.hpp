@@ -9,7 +9,6 @@
 /// build gives the same bits for any division of the steps into runs.
 #pragma once
 
-#include <algorithm>
 #include <memory>
 #include <string>
 #include <tuple>
@@ -25,6 +24,7 @@
 #include <rye/train/cuda/image_losses.hpp>
 #include <rye/train/cuda/smoothness_terms.hpp>
 #include <rye/train/cuda/step_images.hpp>
+#include <rye/train/cuda/step_rows.hpp>
 #include <rye/train/cuda/step_sums.hpp>
 #include <rye/train/cuda/trainer_policy.hpp>
 
@@ -61,7 +61,8 @@ class DeviceAvatarTrainer {
           smoothness_(device),
           channels_(from.avatar.upsampler.shape.in_channels),
           centring_(device, queue, from.avatar, training),
-          sums_(device) {
+          sums_(device),
+          rows_(device) {
         upsampler_.keep_planes = true;
         for (auto& f : frame_) f = std::make_unique<DeviceFrame<Device>>(device);
         adam_.send(queue, from.adam);
@@ -94,38 +95,28 @@ class DeviceAvatarTrainer {
         return views_.add(queue, view, avatar_.packed(drivers, view.frame, view.view));
     }
 
-    /// Shares steps: from now on each takes group.share.count draws of run(), and its losses and
-    /// gradient are means over group.share.all pictures of all ranks. To be called before the first
-    /// step.
+    /// Shares steps, before the first one: each takes group.share.count draws of run(), and its
+    /// losses and gradient are means over group.share.all pictures of all ranks.
     void share_steps(const CudaQueue& queue, const DeviceStepGroup& group) {
         group_ = group;
         if (!group.single()) sums_.set(queue, group, avatar_.layout().size());
     }
 
     /// Takes the steps of these draws in order; waits once for all of them, and again only if
-    /// memory must grow. Every rank of a group calls it for as many steps. ask: true to ask all
-    /// ranks to stop. Throws an Error for a view that does not exist, and if another rank has ended.
+    /// memory must grow. Every rank calls it for as many steps. ask: true to ask all ranks to
+    /// stop. Throws an Error for a view that does not exist, or if another rank has ended.
     DeviceStepsReport run(const CudaQueue& queue, const std::vector<StepDraw>& draws,
                           bool ask = false) {
         if (draws.empty()) return report();
         const auto pictures = static_cast<std::size_t>(group_.share.count);
-        require(draws.size() % pictures == 0, "DeviceAvatarTrainer", "got ", draws.size(),
-                " draws, expected a multiple of ", pictures);
-        send_rows(queue, draws);
-        here_.taken = 0;
-        here_.picture = 0;
-        here_.ask = ask ? 1 : 0;
+        if (rows_.send(queue, draws, pictures, views_)) graphs_.forget(); // of the old addresses
+        here_.begin(ask);
         for (Index waited = 0;; ++waited) {
-            forget_room();
+            here_.forget_room();
             send_state(queue);
-            const std::size_t first = static_cast<std::size_t>(here_.taken) * pictures;
-            if (!fetched_.empty())
-                views_.fetch(queue, fetched_, std::count_if(draws.begin(),
-                                                            draws.begin() + std::ptrdiff_t(first),
-                                                            [&](const StepDraw& d) {
-                                                                return views_.on_host(d.view);
-                                                            }));
-            for (std::size_t i = first; i < draws.size(); ++i) {
+            std::size_t i = static_cast<std::size_t>(here_.taken) * pictures;
+            rows_.fetch(queue, views_, i);
+            for (; i < draws.size(); ++i) {
                 const bool fetched = views_.on_host(draws[i].view);
                 if (fetched) views_.ring().await(queue);
                 launch(queue, draws[i], static_cast<Index>(draws.size()));
@@ -137,8 +128,8 @@ class DeviceAvatarTrainer {
             device_.fetch(queue, &here_, state_.data(), sizeof here_);
             if (group_.ranks != nullptr) group_.ranks->check();
             if (here_.control.stop == 0) break;
-            require(waited < most_waits, "DeviceAvatarTrainer", "room for lists was made ",
-                    most_waits, " times for one run of steps, expected fewer");
+            require(waited < most_waits, "DeviceAvatarTrainer", "made room for lists ", most_waits,
+                    " times for one run of steps, expected fewer");
             make_room();
         }
         steps_ += here_.taken;
@@ -174,17 +165,13 @@ class DeviceAvatarTrainer {
     static constexpr int most_waits = 64;
     using Kind = std::tuple<bool, bool>;
     /// Values that the kernels of a step are launched with.
-    using Key = std::tuple<bool, bool, std::vector<float>>;
+    using Key = std::tuple<bool, bool, Index, std::vector<float>>;
 
     static std::size_t bytes_of(Index n) { return static_cast<std::size_t>(n) * sizeof(float); }
 
     DeviceStepsReport report() const {
         DeviceStepsReport r;
-        const LossReport& l = here_.losses;
-        int k = 0; // in the order of the terms, the total last
-        AvatarLosses<float>::fields([&](const char*, float& value) { value = l.value[k++]; },
-                                    r.losses);
-        r.losses.total = l.total;
+        r.losses = avatar_losses(here_.losses);
         r.steps = steps_;
         r.asked = here_.asked != 0;
         r.refused_in_a_row = static_cast<Index>(here_.refused);
@@ -195,32 +182,6 @@ class DeviceAvatarTrainer {
 
     void send_state(const CudaQueue& queue) {
         device_.send(queue, state_.data(), &here_, sizeof here_);
-    }
-    void send_rows(const CudaQueue& queue, const std::vector<StepDraw>& draws) {
-        std::vector<DeviceStepRow> rows;
-        fetched_.clear();
-        for (const StepDraw& d : draws) {
-            require(d.view >= 0 && d.view < views_.count(), "DeviceAvatarTrainer", "step ",
-                    rows.size(), " shows view ", d.view, ", there are ", views_.count());
-            Index entry = d.view;
-            if (views_.on_host(d.view)) {
-                entry = views_.entry_of_fetched(static_cast<Index>(fetched_.size()));
-                fetched_.push_back(d.view);
-            }
-            rows.push_back({entry, d.rate, d.scale, {d.blank[0], d.blank[1], d.blank[2]}});
-        }
-        if (rows.size() > rows_.size()) graphs_.forget(); // they hold the old address of the rows
-        rows_.reserve(queue, rows.size());
-        device_.send(queue, rows_.data(), rows.data(), rows.size() * sizeof(DeviceStepRow));
-        const DeviceViewPlace* const before = places_;
-        places_ = views_.places(queue);
-        if (places_ != before) graphs_.forget();
-    }
-    void forget_room() {
-        here_.control.stop = 0;
-        for (auto& e : here_.entries) e = 0;
-        for (auto& g : here_.groups) g = 0;
-        for (auto& l : here_.listed) l = 0;
     }
     void make_room() {
         avatar_.make_room({here_.listed, here_.listed + avatar_.rooms().lists});
@@ -234,22 +195,17 @@ class DeviceAvatarTrainer {
                     [&] { put(queue, d, rows); });
     }
     Key key_of(const StepDraw& d, Index rows) const {
-        const Pinhole<float>& c = views_.camera(d.view);
-        std::vector<float> numbers{c.fx, c.fy, c.cx, c.cy, c.near_depth, static_cast<float>(rows)};
-        const Rigid<float>& pose = c.camera_from_world;
-        numbers.insert(numbers.end(), pose.rotation.data(), pose.rotation.data() + 9);
-        numbers.insert(numbers.end(), pose.translation.data(), pose.translation.data() + 3);
-        return {d.eyes_high, d.scaled, numbers};
+        return {d.eyes_high, d.scaled, rows, views_.camera_numbers(d.view)};
     }
 
     /// Enqueues the work of a picture, and a step's end if it has no other picture.
     void put(const CudaQueue& queue, const StepDraw& d, Index rows) {
         const Host& host = avatar_.shapes();
         DeviceStepNumbers* const numbers = numbers_.data();
-        device_.launch(
-            queue, 1,
-            BeginStepKernel{rows_.data(), rows, group_.share.count, places_, state_.data(), numbers, avatar_.drivers(),
-                            static_cast<int>(avatar_.driver_places().size)});
+        device_.launch(queue, 1,
+                       BeginStepKernel{rows_.data(), rows, group_.share.count, rows_.places(),
+                                       state_.data(), numbers, avatar_.drivers(),
+                                       static_cast<int>(avatar_.driver_places().size)});
         const DeviceStepPictures* truth = nullptr;
         const DeviceStepImages p = images_.of(queue, views_, channels_, d.eyes_high);
         end_part(queue, "draw");
@@ -380,9 +336,9 @@ class DeviceAvatarTrainer {
         launch_each(device_, queue, avatar_.face_count() + avatar_.eye_count(),
                     JoinGradients{r.of[0].gradient, r.of[1].gradient, r.of[2].gradient,
                                   avatar_.face_count(), weights_.eyes_from_eye_terms});
-        smoothness_.add_into(queue, columns_from(avatar_.g_cloud(queue),
-                                                 {avatar_.face_count(), avatar_.eye_count()})
-                                        .feature);
+        smoothness_.add_into(
+            queue, columns_from(avatar_.g_cloud(queue), {avatar_.face_count(), avatar_.eye_count()})
+                       .feature);
         end_part(queue, "renders, back");
         avatar_.vjp_into(queue, gradient_);
         end_part(queue, "drive, back");
@@ -394,13 +350,11 @@ class DeviceAvatarTrainer {
             room.render[k] = {frame_[k]->m.report, frame_[k]->m.entries, frame_[k]->m.groups};
         device_.launch(queue, 1, room);
     }
-    /// Enqueues a step's sums, the optimiser's step, the centring of corrections, the bounds and the
-    /// counts.
+    /// Enqueues a step's sums, the optimiser's step, the centring of corrections, bounds, counts.
     void step_end(const CudaQueue& queue) {
         const DeviceAdamControl* const control = &state_.data()->control;
-        const float* const gradient = group_.single()
-                                          ? gradient_.data()
-                                          : sums_.close_into(queue, state_.data());
+        const float* const gradient =
+            group_.single() ? gradient_.data() : sums_.close_into(queue, state_.data());
         adam_.step_into(queue, avatar_.parameters(), gradient, control);
         const Host& host = avatar_.shapes();
         centring_.into(queue, adam_.state(), host, avatar_.parameters());
@@ -427,18 +381,16 @@ class DeviceAvatarTrainer {
     DeviceViews<Device> views_;
     DeviceImageLosses<Device, Perceptual> losses_;
     DeviceSmoothnessTerms<E, Device> smoothness_;
-    Index channels_;            ///< channels of a render
+    Index channels_; ///< channels of a render
     DeviceCentring<E, Device> centring_;
     DeviceStepGroup group_;
     DeviceStepSums<Device> sums_; ///< of steps of several pictures or ranks
-    DeviceCloudBuffer part_[2]; ///< gradients of the face's and of the eyes' render
+    DeviceCloudBuffer part_[2];   ///< gradients of the face's and of the eyes' render
     DeviceStepImageMemory images_;
     DeviceBuffer<float> colours_, white_, most_;
     DeviceBuffer<DeviceStepState> state_;
     DeviceBuffer<DeviceStepNumbers> numbers_;
-    DeviceBuffer<DeviceStepRow> rows_;
-    const DeviceViewPlace* places_ = nullptr;
-    std::vector<Index> fetched_; ///< views of the run that come from the host, in order
+    DeviceStepRows<Device> rows_;
     DeviceStepState here_{}; ///< host copy of state_
     Index steps_ = 0;
     KeptGraphs<Device, Kind, Key> graphs_;

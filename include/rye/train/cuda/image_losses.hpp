@@ -94,6 +94,15 @@ struct BlankTarget {
     RYE_HD RgbTarget at(Index i) const { return {mask(i), {{blank[0], blank[1], blank[2]}}}; }
 };
 
+/// Returns the losses of a report, whose values are in the order of AvatarLosses' fields.
+inline AvatarLosses<float> avatar_losses(const LossReport& report) {
+    AvatarLosses<float> l;
+    int k = 0;
+    AvatarLosses<float>::fields([&](const char*, float& value) { value = report.value[k++]; }, l);
+    l.total = report.total; // the last field, of which the report has no value
+    return l;
+}
+
 /// Terms of the objective and their memory. Perceptual: a term of two pictures, as
 /// DevicePyramidLoss.
 template <class Device, class Perceptual = DevicePyramidLoss<Device>>
@@ -148,14 +157,7 @@ class DeviceImageLosses {
     AvatarLosses<float> fetch(const CudaQueue& queue, std::string& bad) const {
         const LossReport r = report_.fetch(queue);
         bad = r.finite() ? "" : names[r.bad];
-        AvatarLosses<float> l;
-        float* const to[terms] = {&l.high_resolution, &l.low_resolution, &l.perceptual,
-                                  &l.dssim,           &l.eye_low,        &l.eye_high,
-                                  &l.blank,           &l.face_alone,     &l.eye_smooth,
-                                  &l.face_smooth,     &l.face_mirror};
-        for (int k = 0; k < terms; ++k) *to[k] = r.value[k];
-        l.total = r.total;
-        return l;
+        return avatar_losses(r);
     }
     /// Returns the report in device memory.
     const LossReport* report() const { return report_.data(); }

@@ -1,85 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/cuda/nccl_ranks.hpp: ranks on devices of NVIDIA, one a device, joined by NCCL, which
-/// is loaded when it is asked for: programs need it neither to be built nor to start. Copies and
-/// sends only, so that the order of sums is ours; reduce() is NCCL's own sum. NCCL's sums in
-/// switches (NVLS) gave bits that depend on what ran before (NVIDIA/nccl issue 2360): set
+/// rye/train/cuda/nccl_ranks.hpp: ranks on devices of NVIDIA, one a device, joined by NCCL. Of it
+/// they take copies alone, so that the order of sums is ours; reduce() is NCCL's own sum. NCCL's
+/// sums in switches (NVLS) gave bits that depend on what ran before (NVIDIA/nccl issue 2360): set
 /// NCCL_NVLS_ENABLE=0 where reduce() is to repeat itself.
-/// Source: NVIDIA, "NCCL API", 2.2x: functions, and the values of their enumerations.
 #pragma once
-
-#if !defined(_WIN32)
-
-#include <dlfcn.h>
 
 #include <chrono>
 #include <cstddef>
 #include <exception>
 #include <mutex>
 #include <string>
-#include <type_traits>
 
+#include <rye/backend/cuda/nccl.hpp>
 #include <rye/train/cuda/ranks.hpp>
 
 namespace rye {
-
-/// What joins the ranks of a group: rank 0 makes it, all of them have a copy.
-struct NcclId {
-    char bytes[128] = {};
-};
-
-/// NCCL's functions.
-class NcclLibrary {
-  public:
-    using Comm = void*;
-
-    /// Loads libnccl.so.2. Throws an Error that says how to get it.
-    NcclLibrary() {
-        constexpr const char* file = "libnccl.so.2";
-        void* const library = dlopen(file, RTLD_NOW | RTLD_LOCAL); // stays for the program's life
-        if (library == nullptr) {
-            const char* const why = dlerror();
-            throw Error(std::string(file) + ": cannot be loaded: " + (why != nullptr ? why : "?") +
-                        "; several ranks on devices need NCCL (NVIDIA's package libnccl2, or that "
-                        "of PyTorch), in a folder of LD_LIBRARY_PATH");
-        }
-        const auto find = [&](auto& function, const char* name) {
-            void* const p = dlsym(library, name);
-            require(p != nullptr, file, "has no function ", name);
-            function = reinterpret_cast<std::remove_reference_t<decltype(function)>>(p);
-        };
-        find(get_unique_id, "ncclGetUniqueId");
-        find(init_rank, "ncclCommInitRank");
-        find(destroy, "ncclCommDestroy");
-        find(abort, "ncclCommAbort");
-        find(async_error, "ncclCommGetAsyncError");
-        find(error_string, "ncclGetErrorString");
-        find(group_start, "ncclGroupStart");
-        find(group_end, "ncclGroupEnd");
-        find(send, "ncclSend");
-        find(recv, "ncclRecv");
-        find(all_gather, "ncclAllGather");
-        find(all_reduce, "ncclAllReduce");
-    }
-    /// Throws an Error unless a call succeeded.
-    void check(int got, const char* who) const {
-        require(got == 0, "NCCL", who, ": got ", got, " (", [&] { return error_string(got); },
-                "), expected 0");
-    }
-
-    static constexpr int in_progress = 7, float32 = 7, sum = 0;
-    int (*get_unique_id)(NcclId*) = nullptr;
-    int (*init_rank)(Comm*, int, NcclId, int) = nullptr;
-    int (*destroy)(Comm) = nullptr;
-    int (*abort)(Comm) = nullptr;
-    int (*async_error)(Comm, int*) = nullptr;
-    const char* (*error_string)(int) = nullptr;
-    int (*group_start)() = nullptr;
-    int (*group_end)() = nullptr;
-    int (*send)(const void*, std::size_t, int, int, Comm, CudaStream) = nullptr;
-    int (*recv)(void*, std::size_t, int, int, Comm, CudaStream) = nullptr;
-    int (*all_gather)(const void*, void*, std::size_t, int, Comm, CudaStream) = nullptr;
-    int (*all_reduce)(const void*, void*, std::size_t, int, int, Comm, CudaStream) = nullptr;
-};
 
 /// A rank's end of a group, on the device that is current when it is made.
 class NcclRanks final : public DeviceRanks {
@@ -101,8 +36,10 @@ class NcclRanks final : public DeviceRanks {
         const std::lock_guard<std::mutex> lock(state_);
         if (comm_ == nullptr) return;
         // Others may never come where this rank ends by an exception.
-        if (std::uncaught_exceptions() > 0) nccl_.abort(comm_);
-        else nccl_.destroy(comm_);
+        if (std::uncaught_exceptions() > 0)
+            nccl_.abort(comm_);
+        else
+            nccl_.destroy(comm_);
     }
 
     int rank() const override { return rank_; }
@@ -180,5 +117,3 @@ class NcclRanks final : public DeviceRanks {
 };
 
 } // namespace rye
-
-#endif

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/train/cuda/ranks.hpp: ranks of a training whose numbers are in device memory, and their sums
-/// by train/group.hpp's tree: each rank adds up one part of the numbers, and all parts are gathered,
-/// which moves as many bytes as a ring does.
+/// by train/group.hpp's tree: each rank adds up one part of the numbers, and all parts are
+/// gathered, which moves as many bytes as a ring does.
 #pragma once
 
 #include <memory>

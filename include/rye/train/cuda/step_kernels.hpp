@@ -32,6 +32,14 @@ struct DeviceStepState {
     LossReport losses; ///< of the last step taken
     std::int64_t picture = 0;         ///< pictures of the current step so far
     std::uint32_t ask = 0, asked = 0; ///< 1 if this rank asks to stop; if any rank did
+
+    void begin(bool asks) { taken = 0, picture = 0, ask = asks ? 1 : 0; }
+    void forget_room() {
+        control.stop = 0;
+        for (auto& e : entries) e = 0;
+        for (auto& g : groups) g = 0;
+        for (auto& l : listed) l = 0;
+    }
 };
 
 /// Draw of the current step, in device memory.

@@ -48,8 +48,8 @@ class ViewRing {
         if constexpr (DeviceWithBranches<Device>) at(next_).branch->end(queue);
         static_cast<void>(queue);
     }
-    /// Ends the use of that picture by the work that is on the queue, and fetches a later one to its
-    /// place.
+    /// Ends the use of that picture by the work that is on the queue, and fetches a later one to
+    /// its place.
     void used(const CudaQueue& queue) { fetch(queue, next_++ + places); }
 
     std::size_t bytes() const {

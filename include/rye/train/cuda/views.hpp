@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/train/cuda/views.hpp: pictures of a training: all of them once, as bytes, in device memory
-/// or, beyond a bound, in the host's (train/cuda/view_ring.hpp); those of a step as floats, on the final background, at full size and at the render's, as in
-/// train/samples.hpp. The view that a step shows is read on the device.
+/// or, beyond a bound, in the host's (train/cuda/view_ring.hpp); those of a step as floats, on the
+/// final background, at full size and at the render's, as in train/samples.hpp. The view that a
+/// step shows is read on the device.
 #pragma once
 
 #include <cstdint>
@@ -161,8 +162,18 @@ class DeviceViews {
         return cameras_[static_cast<std::size_t>(view)];
     }
 
-    /// Returns the views' arrays, in device memory, and behind them those of fetched views; waits if
-    /// views were added since the last call. Entries of views on the host are not to be read.
+    /// Returns the numbers of a view's camera that kernels are launched with.
+    std::vector<float> camera_numbers(Index view) const {
+        const Pinhole<float>& c = camera(view);
+        std::vector<float> numbers{c.fx, c.fy, c.cx, c.cy, c.near_depth};
+        const Rigid<float>& pose = c.camera_from_world;
+        numbers.insert(numbers.end(), pose.rotation.data(), pose.rotation.data() + 9);
+        numbers.insert(numbers.end(), pose.translation.data(), pose.translation.data() + 3);
+        return numbers;
+    }
+
+    /// Returns the views' arrays, in device memory, and behind them those of fetched views; waits
+    /// if views were added since the last call. Entries of views on the host are not to be read.
     const DeviceViewPlace* places(const CudaQueue& queue) {
         if (sent_ != kept_.size()) {
             std::vector<DeviceViewPlace> all;
@@ -210,8 +221,7 @@ class DeviceViews {
     DeviceViewPlace place_at(const std::uint8_t* memory) const {
         const auto n = static_cast<std::size_t>(pixels());
         const std::uint8_t* const rgb = memory + drivers_;
-        return {rgb, rgb + 3 * n, rgb + 4 * n, rgb + 5 * n,
-                reinterpret_cast<const float*>(memory)};
+        return {rgb, rgb + 3 * n, rgb + 4 * n, rgb + 5 * n, reinterpret_cast<const float*>(memory)};
     }
     void check(const TrainingView& v) {
         const char* const who = "DeviceViews";
