@@ -67,7 +67,7 @@ inline StepShare step_share(Index all, int rank, int size) {
 /// Adds numbers in place as a tree: x[0] += x[1], x[2] += x[3], ..., then x[0] += x[2], ... until
 /// x[0] has the sum of all. add(i, k) adds x[k] to x[i].
 template <class Add>
-RYE_HD void tree_sum(int count, const Add& add) {
+void tree_sum(int count, const Add& add) {
     for (int stride = 1; stride < count; stride *= 2)
         for (int i = 0; i + stride < count; i += 2 * stride) add(i, i + stride);
 }
