@@ -81,6 +81,23 @@ wait "$pid" || code=$?
 [ $code -eq 143 ] || { cat stopped.txt; fail "stopped with code $code"; }
 grep -q -- "--resume" stopped.txt || fail "nothing is said of going on"
 
+# ... and in stage 1, which rank 0 trains while the others wait.
+sed 's/"mesh": {"steps": 4/"mesh": {"steps": 1000000/' small.json > long.json
+"$plain" train --capture cap --preset tiny --config long.json --quiet --ranks 2 --out halted \
+    > halted.txt 2>&1 &
+pid=$!
+n=0
+until grep -q '"stage":"mesh"' halted/log.jsonl 2> /dev/null; do
+    kill -0 "$pid" || { cat halted.txt; fail "stage 1 ended by itself"; }
+    n=$((n + 1))
+    [ $n -lt 1200 ] || fail "no step of stage 1 after 120 s"
+    sleep 0.1
+done
+kill -TERM "$pid"
+code=0
+wait "$pid" || code=$?
+[ $code -eq 143 ] || { cat halted.txt; fail "stopped in stage 1 with code $code"; }
+
 # Three ranks of eight pictures: another order of sums, and nearly the same losses.
 "$plain" train --capture cap --preset tiny --config small.json --quiet --out three --ranks 3 2> /dev/null
 for run in cpu three; do

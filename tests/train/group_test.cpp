@@ -282,6 +282,14 @@ TEST_CASE("a gradient that is not finite on one rank is refused by all, which go
     }
 }
 
+TEST_CASE("a rank that is done leaves nobody waiting") {
+    CHECK_THROWS_WITH(run_ranks(2, [&](ThreadGroup& group) {
+                          group.meet();
+                          if (group.rank() == 1) group.meet();
+                      }),
+                      "rank 0 is done, while others wait for it");
+}
+
 TEST_CASE("ranks whose arrays differ are told which") {
     CHECK_THROWS_WITH(
         run_ranks(2,

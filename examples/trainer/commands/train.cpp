@@ -126,36 +126,47 @@ class Trainer {
     /// Trains; returns true if the run is complete, false if it was stopped.
     bool run() {
         if (!first_of(ranks_)) {
-            follow_stage_one();
-        } else if (state_.stage == Stage::mesh) {
-            if (!has_mesh_) {
-                if (!train_mesh()) return false;
-                fit_to_landmarks();
-            }
-            const AvatarSize size = begin_avatar(state_, grid_);
-            save();
-            if (!quiet(options_))
-                std::cout << "stage 2 begins with " << size.face << " face and " << size.eyes
-                          << " eye Gaussians\n";
+            if (!follow_stage_one()) return false;
+        } else {
+            const bool begun = begin_stage_two();
+            if (ranks_ != nullptr) ranks_->given(begun ? place() : stopped_words);
+            if (!begun) return false;
         }
-        if (ranks_ != nullptr && first_of(ranks_))
-            ranks_->given("stage 2 of " + std::to_string(state_.step));
         return device_ ? train_avatar_on_device() : train_avatar();
     }
     const TrainState& state() const { return state_; }
 
   private:
-    /// Waits until rank 0 has trained stage 1, and goes on from the checkpoint that it wrote.
-    void follow_stage_one() {
+    /// Trains stage 1, unless that is done, and makes the avatar; returns false if it was stopped.
+    bool begin_stage_two() {
+        if (state_.stage != Stage::mesh) return true;
+        if (!has_mesh_) {
+            if (!train_mesh()) return false;
+            fit_to_landmarks();
+        }
+        const AvatarSize size = begin_avatar(state_, grid_);
+        save();
+        if (!quiet(options_))
+            std::cout << "stage 2 begins with " << size.face << " face and " << size.eyes
+                      << " eye Gaussians\n";
+        return true;
+    }
+    static constexpr const char* stopped_words = "stopped";
+    std::string place() const { return "stage 2 of " + std::to_string(state_.step); }
+
+    /// Waits until rank 0 has trained stage 1, and goes on from the checkpoint that it wrote;
+    /// returns false if rank 0 was stopped.
+    bool follow_stage_one() {
         const std::string there = ranks_->given("");
+        if (there == stopped_words) return false;
         const Columns<double> directions = state_.view_directions;
         state_ = load_checkpoint(options_.out);
         take_steps(options_, state_.config);
         state_.view_directions = directions;
-        const std::string here = "stage 2 of " + std::to_string(state_.step);
-        require(state_.stage == Stage::avatar && here == there, options_.out.string(),
-                "rank ", ranks_->rank(), " read ", here, ", rank 0 has ", there,
+        require(state_.stage == Stage::avatar && place() == there, options_.out.string(), "rank ",
+                ranks_->rank(), " read ", [&] { return place(); }, ", rank 0 has ", there,
                 ": the ranks do not see the same folder");
+        return true;
     }
 
     void check_applied(const StepReport& report, const char* stage) {

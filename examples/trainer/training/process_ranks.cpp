@@ -266,7 +266,10 @@ std::string RanksInProcesses::given(const std::string& own) {
         return own;
     }
     for (;; std::this_thread::sleep_for(look)) {
+        const bool done = contents(m.named("done", 0)).has_value(); // before its last words
         if (auto words = contents(file)) return *words;
+        require(!done, m.folder.string(), "rank 0 is done, while rank ", m.place.rank,
+                " waits for it");
         const std::string reason = m.reason_now();
         if (!reason.empty()) throw Error(reason);
     }

@@ -44,7 +44,7 @@ class RanksInProcesses final : public Ranks {
     /// them.
     RanksInProcesses(const std::filesystem::path& run, const LaunchedRank& place,
                      const RankTimes& times = {});
-    /// Leaves the reason for others if an exception is under way.
+    /// Tells the others that this rank is done. Rank 0 waits for them and removes the files.
     ~RanksInProcesses() override;
 
     int rank() const override;

@@ -28,7 +28,7 @@ class TimeProbe {
         Index calls = 0;
         std::vector<float> each = {}; ///< [s]
 
-        /// Returns the median of its calls, which what only the first ones do is not in [s].
+        /// Returns the median of its calls [s], which the first ones, often slower, hardly move.
         double median() const {
             if (each.empty()) return 0;
             std::vector<float> sorted = each;

@@ -30,7 +30,7 @@ class ThreadMeeting {
     /// ended.
     void meet() {
         std::unique_lock<std::mutex> lock(mutex_);
-        if (failed_) throw Error(*failed_);
+        throw_if_ended();
         const std::size_t now = round_;
         if (++here_ == size_) {
             here_ = 0;
@@ -38,8 +38,14 @@ class ThreadMeeting {
             all_here_.notify_all();
             return;
         }
-        all_here_.wait(lock, [&] { return round_ != now || failed_ != nullptr; });
-        if (round_ == now) throw Error(*failed_);
+        all_here_.wait(lock, [&] { return round_ != now || failed_ || left_ >= 0; });
+        if (round_ == now) throw_if_ended();
+    }
+    /// Says that a rank will not come again: those that still wait for it get an Error.
+    void leave(int rank) {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        if (left_ < 0) left_ = rank;
+        all_here_.notify_all();
     }
     /// Ends the ranks that wait or will; keeps the first reason.
     void fail(int rank, const std::string& reason) {
@@ -62,7 +68,14 @@ class ThreadMeeting {
     }
 
   private:
+    void throw_if_ended() const {
+        if (failed_) throw Error(*failed_);
+        if (left_ >= 0)
+            throw Error("rank " + std::to_string(left_) + " is done, while others wait for it");
+    }
+
     int size_, here_ = 0;
+    int left_ = -1; ///< first rank that is done
     std::size_t round_ = 0;
     std::mutex mutex_;
     std::condition_variable all_here_;
@@ -166,6 +179,7 @@ void run_ranks(int size, const F& f) {
         };
         try {
             f(group);
+            meeting.leave(rank);
         } catch (const std::exception& e) {
             ended(e.what());
         } catch (...) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/cuda/nccl_ranks.hpp: ranks on devices of NVIDIA, one a device, joined by NCCL. Of it
-/// they take copies alone, so that the order of sums is ours; reduce() is NCCL's own sum. NCCL's
-/// sums in switches (NVLS) gave bits that depend on what ran before (NVIDIA/nccl issue 2360): set
+/// rye/train/cuda/nccl_ranks.hpp: ranks on devices of NVIDIA, one a device, joined by NCCL. They
+/// use its copies alone, so that the order of sums is ours; reduce() is NCCL's own sum. NCCL's sums
+/// in switches (NVLS) gave bits that depend on what ran before (NVIDIA/nccl issue 2360): set
 /// NCCL_NVLS_ENABLE=0 where reduce() is to repeat itself.
 #pragma once
 
