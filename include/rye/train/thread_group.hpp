@@ -103,13 +103,20 @@ class ThreadGroup {
         const auto of = [&](int rank) -> const GroupArrays<T>& {
             return *meeting_->shown<GroupArrays<T>>(rank);
         };
-        for (int r = 0; r < n; ++r) { // every rank finds the same
-            require(of(r).size() == of(0).size(), "ThreadGroup", "rank ", r, " has ", of(r).size(),
-                    " arrays, rank 0 has ", of(0).size());
-            for (std::size_t k = 0; k < of(0).size(); ++k)
-                require(of(r)[k].size() == of(0)[k].size(), "ThreadGroup", "array ", k, " of rank ",
-                        r, " has ", of(r)[k].size(), " numbers, that of rank 0 has ",
-                        of(0)[k].size());
+        std::string differs; // the same for every rank
+        for (int r = 1; r < n && differs.empty(); ++r) {
+            if (of(r).size() != of(0).size())
+                differs = "rank " + std::to_string(r) + " has " + std::to_string(of(r).size()) +
+                          " arrays, rank 0 has " + std::to_string(of(0).size());
+            for (std::size_t k = 0; k < of(0).size() && differs.empty(); ++k)
+                if (of(r)[k].size() != of(0)[k].size())
+                    differs = "array " + std::to_string(k) + " of rank " + std::to_string(r) +
+                              " has " + std::to_string(of(r)[k].size()) +
+                              " numbers, that of rank 0 has " + std::to_string(of(0)[k].size());
+        }
+        if (!differs.empty()) {
+            meet(); // the others still read this rank's arrays
+            throw Error("ThreadGroup: " + differs);
         }
         std::vector<T> x(static_cast<std::size_t>(n));
         for (std::size_t k = 0; k < arrays.size(); ++k) {
