@@ -51,7 +51,7 @@ template <class T, EffectSet E, class B>
 Pass<T> pass_of(const B& backend, const TwoStream<T, E>& avatar, const Drivers<T>& drivers) {
     const AvatarConfig config = tiny_config();
     const LandmarkRoles roles = tiny_roles();
-    const Drivers<T, E> own = restricted<E>(drivers);
+    const Drivers<T, E> own = seen_drivers<E>(drivers);
     TwoStreamTrace<T, E> trace;
     drive(backend, avatar, {config, roles, own}, trace);
     Gaussians<T> g = random_like(trace.gaussians, Random{5, 1});
@@ -111,7 +111,7 @@ TEST_CASE(
 TEST_CASE("each part of a trained avatar shows, and an angle of 0 is no angle") {
     const Drivers<double> drivers = tiny_drivers<double>();
     const auto look = [&](const auto& a) {
-        return driven(a, restricted<TrainedEffects>(drivers)).gaussians;
+        return driven(a, seen_drivers<TrainedEffects>(drivers)).gaussians;
     };
     const auto all = avatar_of_trained();
     CHECK(has_driven_eyes(all));
@@ -119,11 +119,17 @@ TEST_CASE("each part of a trained avatar shows, and an angle of 0 is no angle") 
     none.eyes.kappa = {};
     none.shading = {};
     none.eyes.networks = {};
+    none.eyes.optics = {};
     const Gaussians<double> plain = look(none);
     auto one = none;
     one.eyes.kappa = all.eyes.kappa;
     CHECK_FALSE(alike(look(one), plain));
     one.eyes.kappa.setZero();
+    CHECK(alike(look(one), plain));
+    one = none;
+    one.eyes.optics = all.eyes.optics;
+    CHECK_FALSE(alike(look(one), plain));
+    one.eyes.optics.light_intensity.setZero();
     CHECK(alike(look(one), plain));
     one = none;
     one.shading = all.shading;
@@ -138,13 +144,14 @@ TEST_CASE("each part of a trained avatar shows, and an angle of 0 is no angle") 
 }
 
 TEST_CASE("a trained avatar's vjp is the transpose of its duals, whatever has no parameters") {
-    const auto drivers = restricted<TrainedEffects>(tiny_drivers<double>());
-    for (int on = 0; on < 8; ++on) {
+    const auto drivers = seen_drivers<TrainedEffects>(tiny_drivers<double>());
+    for (int on = 0; on < 16; ++on) {
         INFO(on);
         auto a = avatar_of_trained();
         if ((on & 1) == 0) a.eyes.kappa = {};
         if ((on & 2) == 0) a.shading = {};
         if ((on & 4) == 0) a.eyes.networks = {};
+        if ((on & 8) == 0) a.eyes.optics = {};
         CHECK(law_error<TrainedEffects>(a, drivers, 3) <= 1e-12);
     }
 }
@@ -154,12 +161,14 @@ TEST_CASE("tensors of a trained avatar have a checkpoint's names; what is off ha
     const auto all = fields_of(a);
     for (const char* name :
          {"eyes.feature", "eyes.kappa", "eyes.left_appearance_mlp.conv0.weight",
-          "eyes.right_appearance_mlp.conv2.bias", "shading.light", "shading.normal",
+          "eyes.right_appearance_mlp.conv2.bias", "eyes.light_position", "eyes.light_intensity",
+          "shading.light", "shading.normal",
           "shading.eye_normal"})
         CHECK_MESSAGE(all.count(name) == 1, name);
     a.eyes.kappa = {};
     a.shading = {};
     a.eyes.networks = {};
+    a.eyes.optics = {};
     const auto paper = fields_of(restricted<PaperEffects>(a));
     const auto left = fields_of(a);
     CHECK(left.size() == paper.size());
@@ -170,7 +179,7 @@ TEST_CASE("tensors of a trained avatar have a checkpoint's names; what is off ha
 TEST_CASE("an eye's driven features are written alone, and are those of both") {
     const auto a = avatar_of_trained();
     const OpticalDrivers<double, TrainedEffects> drivers(
-        restricted<TrainedEffects>(tiny_drivers<double>()));
+        seen_drivers<TrainedEffects>(tiny_drivers<double>()));
     const FrameCode<double, TrainedEffects> code = frame_code(tiny_config(), drivers);
     Columns<double> both(5, a.eyes.position.cols()), alone = both;
     alone.setConstant(-1);

@@ -257,7 +257,7 @@ TEST_CASE(
     "C interface: an avatar by its drivers is the player's picture; gazes move a part of it") {
     const TemporaryFolder folder;
     const std::string path = (folder.path / "a.avatar").string();
-    const PlayableAvatar<float> p = tiny_playable(TinyParts{true, true, true});
+    const PlayableAvatar<float> p = tiny_playable(TinyParts{true, true, true, true});
     write_avatar(path, p, AvatarPrecision::full);
     AvatarPlayer<XsimdBackend<>> player(XsimdBackend<>(), p);
     const Bytes bytes = read_file(path);

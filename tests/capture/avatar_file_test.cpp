@@ -40,7 +40,8 @@ TEST_CASE(
     const TemporaryFolder folder;
     for (const TinyParts& parts :
          {TinyParts{}, TinyParts{.visual = true}, TinyParts{.light = true},
-          TinyParts{.driven_eyes = true}, TinyParts{true, true, true}}) {
+          TinyParts{.driven_eyes = true}, TinyParts{.highlights = true},
+          TinyParts{true, true, true, true}}) {
         const PlayableAvatar<float> p = tiny_playable(parts);
         const std::filesystem::path path = folder.path / "a.avatar";
         write_avatar(path, p, AvatarPrecision::full);
@@ -88,7 +89,7 @@ TEST_CASE(
 
 TEST_CASE("avatar file: half precision rounds to 11 bits, and only what is no position") {
     const TemporaryFolder folder;
-    PlayableAvatar<float> p = tiny_playable(TinyParts{true, true, true});
+    PlayableAvatar<float> p = tiny_playable(TinyParts{true, true, true, true});
     p.avatar.face.log_scale(0, 0) = 1e5F; // no binary16
     write_avatar(folder.path / "a", p);
     const PlayableAvatar<float> q = read_avatar<float>(folder.path / "a");
@@ -129,7 +130,7 @@ TEST_CASE("avatar file: other files and damaged ones are refused by what is wron
     CHECK_FAULT(parse(word("eye_appearance", "driven")),
                 "the tensor 'avatar.eyes.left_appearance_mlp.conv0.weight' is missing, though "
                 "'eye_appearance' is 'driven'");
-    const PlayableAvatar<float> whole = tiny_playable(TinyParts{true, true, true});
+    const PlayableAvatar<float> whole = tiny_playable(TinyParts{true, true, true, true});
     const auto off = [&](const std::string& key, const std::string& value) {
         return edited(folder.path, whole, [&](auto&, auto& metadata) { metadata[key] = value; });
     };
@@ -174,7 +175,7 @@ TEST_CASE("avatar file: other files and damaged ones are refused by what is wron
 
 TEST_CASE("avatar file: contents that no avatar has are refused by tensor and value") {
     const TemporaryFolder folder;
-    const PlayableAvatar<float> p = tiny_playable(TinyParts{true, true, true});
+    const PlayableAvatar<float> p = tiny_playable(TinyParts{true, true, true, true});
     const auto without = [&](const std::string& name) {
         return edited(folder.path, p,
                       [&](auto& tensors, auto&) { REQUIRE(tensors.erase(name) == 1); });
@@ -236,13 +237,13 @@ TEST_CASE("avatar file: what could not be read is not written, and a file stays 
     p = tiny_playable();
     p.avatar.face.networks.exp_color.weight[0].resize(1, 1);
     CHECK_FAULT(write_avatar(path, p), "face.exp_color_mlp.conv0.weight: got shape (1, 1)");
-    p = tiny_playable(TinyParts{true, true, true});
+    p = tiny_playable(TinyParts{true, true, true, true});
     p.avatar.shading.normal.resize(3, 4);
     CHECK_FAULT(write_avatar(path, p), "'shading.normal': got shape (4, 3), expected (60, 3)");
-    p = tiny_playable(TinyParts{true, true, true});
+    p = tiny_playable(TinyParts{true, true, true, true});
     p.avatar.eyes.kappa.resize(2, 1);
     CHECK_FAULT(write_avatar(path, p), "'eyes.kappa': got shape (1, 2), expected (2, 2)");
-    p = tiny_playable(TinyParts{true, true, true});
+    p = tiny_playable(TinyParts{true, true, true, true});
     p.avatar.eyes.networks[1] = {};
     CHECK_FAULT(write_avatar(path, p), "eyes.right_appearance_mlp: got 0 layers, expected 3");
     CHECK(read_file(path) == before);
@@ -250,7 +251,7 @@ TEST_CASE("avatar file: what could not be read is not written, and a file stays 
 
 TEST_CASE("avatar file: shapes of light, kappa and driven eyes are those that settings state") {
     const TemporaryFolder folder;
-    const PlayableAvatar<float> p = tiny_playable(TinyParts{true, true, true});
+    const PlayableAvatar<float> p = tiny_playable(TinyParts{true, true, true, true});
     const Columns<float> small = Columns<float>::Zero(3, 4);
     const auto with = [&](const std::string& name) {
         return edited(folder.path, p, [&](auto& tensors, auto&) {

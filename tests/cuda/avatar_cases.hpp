@@ -219,7 +219,7 @@ AvatarCase<E> with_corrections(AvatarCase<E> c) {
 
 template <EffectSet E>
 AvatarCase<E> case_with_parts() {
-    return {avatar_with_parts<E>(), restricted<E>(drivers_of_all())};
+    return {avatar_with_parts<E>(), seen_drivers<E>(drivers_of_all())};
 }
 /// Parts of the eyes, and shading, against the host's. Tiles have room for networks of 128.
 template <class Networks, class Device>
@@ -236,7 +236,7 @@ void mechanisms_against_host(const Device& device, const CudaQueue& queue) {
     check(More<Still, EyesBy<RotatedCode>>{});
 }
 /// Driven features and shading, with kappa, a frame's correction of its pose and everything read.
-using LitEffects = More<AllEffects, HeadShading, EyesBy<DrivenFeatures>>;
+using LitEffects = More<AllEffects, Glint, HeadShading, EyesBy<DrivenFeatures>>;
 
 /// The same bits again, and in a cloud driven by other numbers before.
 template <class Networks, EffectSet E, class Device>

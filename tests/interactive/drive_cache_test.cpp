@@ -29,11 +29,12 @@ using Talk = Less<PaperEffects, PoseResidual>;
 using Look = Effects<HeadPose, LeftGaze, RightGaze, Periocular, CornealBulge>;
 using OneEye = Effects<Expression, RightGaze, Kappa, EyesBy<DrivenFeatures>>;
 
-// An effect that reads the camera changes Gaussians with each view.
+using WithHighlights = More<PaperEffects, Glint>;
+
+// Refraction moves Gaussians with each view.
 static_assert(KeptFromFrameToFrame<PaperEffects> && KeptFromFrameToFrame<TrainedEffects> &&
-              KeptFromFrameToFrame<Effects<>>);
-static_assert(!KeptFromFrameToFrame<More<PaperEffects, Glint>> &&
-              !KeptFromFrameToFrame<More<TrainedEffects, CornealRefraction>>);
+              KeptFromFrameToFrame<Effects<>> && KeptFromFrameToFrame<WithHighlights>);
+static_assert(!KeptFromFrameToFrame<More<TrainedEffects, CornealRefraction>>);
 
 inline AvatarConfig eyes_apart_config() {
     AvatarConfig c = tiny_config(); // skin that follows each gaze alone
@@ -49,9 +50,10 @@ struct Puppet {
     LandmarkRoles roles = tiny_roles();
     TwoStream<T, E> avatar;
     Drivers<T> drivers = tiny_drivers<T>();
+    Pinhole<double> camera = tiny_camera(8, 8);
 
     explicit Puppet(const TwoStream<double, E>& a) : avatar(lifted<T>(a)) {}
-    Drivers<T, E> own() const { return restricted<E>(drivers); }
+    Drivers<T, E> own() const { return seen_from(restricted<E>(drivers), camera); }
 };
 
 /// A puppet with the parts of E, none of them neutral.
@@ -89,9 +91,10 @@ void check(const B& backend, DriveCache<B, T, E>& cache, const Puppet<T, E>& p) 
         kept, trace.gaussians, before);
 }
 
-/// Changes any of the drivers, alone or together, or nothing.
-template <class T>
-void change(Drivers<T>& d, int step) {
+/// Changes any of the drivers or the camera, alone or together, or nothing.
+template <class T, class E>
+void change(Puppet<T, E>& p, int step) {
+    Drivers<T>& d = p.drivers;
     const Random random{static_cast<std::uint64_t>(step) + 90, 3};
     std::uint64_t k = 0;
     const auto chance = [&](double p) { return random.uniform(k++) < p; };
@@ -103,6 +106,8 @@ void change(Drivers<T>& d, int step) {
     if (all || chance(0.2)) d.pose[static_cast<Index>(random.below(k++, 3))] += T(0.3) * any();
     if (all || chance(0.1)) d.pose[3 + static_cast<Index>(random.below(k++, 3))] += T(0.2) * any();
     if (all || chance(0.1)) d.scale = T(1) + T(0.2) * any();
+    if (all || chance(0.2))
+        p.camera.camera_from_world.translation[0] += 0.3 * static_cast<double>(any());
 }
 
 template <class B, class T, class E>
@@ -111,7 +116,7 @@ void follow(const B& backend, Puppet<T, E> p, int steps) {
     check(backend, cache, p);
     for (int step = 0; step < steps; ++step) {
         INFO(step);
-        change(p.drivers, step);
+        change(p, step);
         check(backend, cache, p);
     }
     cache.reset();
@@ -123,7 +128,7 @@ void follow(const B& backend, Puppet<T, E> p, int steps) {
 
 TEST_CASE_TEMPLATE("drive cache: the bits of drive() over random drivers, whatever is on", E,
                    PaperEffects, WithKappa, WithDrivenEyes, WithLight, OfFeatures,
-                   TrainedEffects) {
+                   WithHighlights, TrainedEffects) {
     follow(XsimdBackend<>{}, puppet<float, E>(), 40);
 }
 

@@ -46,7 +46,7 @@ inline UpsamplerShape local_shape(int capacity, bool skip) {
 template <class B, class A, class T, class E>
 void check_frame(const B& backend, FrameCache<B, A, T, E>& cache, const Stage<T, E>& s) {
     TwoStreamTrace<T, E> trace;
-    drive(backend, s.avatar, {s.config, s.roles, s.drivers}, trace);
+    drive(backend, s.avatar, {s.config, s.roles, seen_from(s.drivers, s.camera)}, trace);
     const Gaussians<T>& g = trace.gaussians;
     const Raster<T> whole = Rasterizer<A>().forward(backend, g, s.camera, s.background);
     const Raster<T>& kept = cache.update(s.drivers, s.camera, s.background);
@@ -80,6 +80,7 @@ void change(Stage<T, E>& s, int step) {
         s.camera.height = 30 + static_cast<int>(random.below(k++, 70));
     }
     if (all || chance(0.1)) s.camera.cx += any();
+    if (all || chance(0.1)) s.camera.camera_from_world.translation[0] += T(0.3) * any();
 }
 
 template <class T, EffectSet E = PaperEffects, class B>

@@ -47,7 +47,8 @@ Image<float> whole_picture(const PlayableAvatar<float>& p, const Drivers<float>&
                            const Pinhole<float>& camera, const VecX<float>& background) {
     const XsimdBackend<> backend;
     TwoStreamTrace<float, TrainedEffects> trace;
-    drive(backend, p.avatar, {p.config, p.roles, restricted<TrainedEffects>(drivers)}, trace);
+    drive(backend, p.avatar,
+          {p.config, p.roles, seen_from(restricted<TrainedEffects>(drivers), camera)}, trace);
     const Pinhole<float> small = render_camera(camera, 1 << p.avatar.upsampler.shape.doublings);
     const Image<float> large =
         upsampler_forward(backend, p.avatar.upsampler,
@@ -65,7 +66,8 @@ Image<float> whole_picture(const PlayableAvatar<float>& p, const Drivers<float>&
 
 TEST_CASE("player: every picture is that of a whole render, bit for bit, at any size") {
     for (const TinyParts& parts : {TinyParts{}, TinyParts{.visual = true},
-                                   TinyParts{.light = true}, TinyParts{true, true, true}})
+                                   TinyParts{.light = true},
+                                   TinyParts{.highlights = true}, TinyParts{true, true, true, true}})
         for (const int doublings : {0, 1}) {
             const PlayableAvatar<float> p = tiny_playable(parts, doublings);
             AvatarPlayer<XsimdBackend<>> player(XsimdBackend<>(), p);

@@ -199,7 +199,7 @@ class Files {
 
     void write_exports() {
         write_avatar(folder_.path / "a.avatar",
-                     test::tiny_playable(test::TinyParts{true, true, true}));
+                     test::tiny_playable(test::TinyParts{true, true, true, true}));
         add("a.avatar", [](const fs::path& file) {
             const fs::path again = file.parent_path() / "again.avatar";
             write_avatar(again, read_avatar<float>(file), AvatarPrecision::full);

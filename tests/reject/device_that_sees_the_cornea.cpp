@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // A device has no kernels for what a camera sees through the cornea.
-// expect: SeesNoCornea
+// expect: RefractsNothing
 #include <rye/avatar/cuda/two_stream.hpp>
 #include <rye/backend/cuda/emulation.hpp>
 
 #if REJECT
-using E = rye::More<rye::PaperEffects, rye::Glint>;
+using E = rye::More<rye::PaperEffects, rye::CornealRefraction>;
 #else
 using E = rye::PaperEffects;
 #endif

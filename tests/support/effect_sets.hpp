@@ -23,6 +23,20 @@ inline Drivers<double, AllEffects> drivers_of_all() {
     return restricted<AllEffects>(tiny_drivers<double>());
 }
 
+/// Corneas that some of the tiny eyes' points lie behind, and two lights.
+template <class T, EffectSet E>
+void set_tiny_lights(EyeOptics<T, E>& o) {
+    const Cornea<T> left{Vec3<T>(T(0), T(0), T(0.04)), T(0.11), Vec3<T>(T(0), T(0), T(1)), T(0.02)};
+    Cornea<T> right = left;
+    right.centre = Vec3<T>(T(0.01), T(-0.005), T(0.05));
+    right.axis = right.centre.normalized();
+    set_corneas(o, left, right, 1.35);
+    resize_lights(o, 2);
+    o.light_position << 1, -2, 3, 1, 7, 5;
+    o.light_intensity << T(0.9), T(0.3), T(0.7), T(0.5), T(0.4), T(0.8);
+    o.light_width << T(0.05), T(0.08);
+}
+
 /// An avatar of the gaze mechanism, the eye appearance and the shading of E, none of them neutral.
 template <EffectSet E>
 TwoStream<double, E> avatar_with_parts(std::uint64_t seed = 7) {
@@ -41,6 +55,7 @@ TwoStream<double, E> avatar_with_parts(std::uint64_t seed = 7) {
     if constexpr (has_effect<E, HeadShading>)
         a.shading = {draw.columns(8, 3, 0.5), draw.columns(3, a.face.position.cols()),
                      draw.columns(3, 2)};
+    if constexpr (has_effect<E, Glint>) set_tiny_lights(a.eyes.optics);
     if constexpr (requires { a.eyes.turn; })
         a.eyes.turn.weight.back() = draw.columns(4, a.eyes.turn.weight.back().cols(), 0.2);
     return a;
@@ -52,28 +67,20 @@ using OpticsEffects = More<AllEffects, CornealRefraction, Glint, HeadShading>;
 
 inline TwoStream<double, OpticsEffects> avatar_of_optics(std::uint64_t seed = 7) {
     TwoStream<double, OpticsEffects> a = restricted<OpticsEffects>(avatar_of_all(seed));
-    const Cornea<double> left{Vec3<double>(0, 0, 0.04), 0.11, Vec3<double>(0, 0, 1), 0.02};
-    Cornea<double> right = left;
-    right.centre = Vec3<double>(0.01, -0.005, 0.05);
-    right.axis = right.centre.normalized();
-    EyeOptics<double, OpticsEffects>& o = a.eyes.optics;
-    set_corneas(o, left, right, 1.35);
-    o.light_position.resize(3, 2);
-    o.light_position << 1, -2, 3, 1, 7, 5;
-    o.light_intensity.resize(3, 2);
-    o.light_intensity << 0.9, 0.3, 0.7, 0.5, 0.4, 0.8;
-    o.light_width.resize(1, 2);
-    o.light_width << 0.05, 0.08;
+    set_tiny_lights(a.eyes.optics);
     Draw draw{{seed, 5}};
     a.shading = {draw.columns(8, 3, 0.5), draw.columns(3, a.face.position.cols()),
                  draw.columns(3, 2)};
     return a;
 }
 
+/// The drivers of an avatar with the effects E that the tiny camera looks at.
+template <EffectSet E, class T, EffectSet F>
+Drivers<T, E> seen_drivers(const Drivers<T, F>& drivers) {
+    return seen_from(restricted<E>(drivers), tiny_camera(8, 8));
+}
 inline Drivers<double, OpticsEffects> drivers_of_optics() {
-    Drivers<double, OpticsEffects> d = restricted<OpticsEffects>(tiny_drivers<double>());
-    d.camera = tiny_camera(8, 8).centre();
-    return d;
+    return seen_drivers<OpticsEffects>(tiny_drivers<double>());
 }
 
 template <class T, EffectSet E>

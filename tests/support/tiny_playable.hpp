@@ -5,14 +5,14 @@
 #include <rye/avatar/hold.hpp>
 #include <rye/avatar/playable.hpp>
 
-#include "tiny_avatar.hpp"
+#include "effect_sets.hpp"
 
 namespace rye::test {
 
 /// Parts of the tiny avatar beside the paper's.
 struct TinyParts {
     bool visual = false; ///< it has a kappa
-    bool light = false, driven_eyes = false;
+    bool light = false, driven_eyes = false, highlights = false;
 };
 
 inline PlayableAvatar<float> tiny_playable(const TinyParts& parts, int doublings = 1) {
@@ -43,6 +43,7 @@ inline PlayableAvatar<float> tiny_playable(const TinyParts& parts, int doublings
         for (Mlp<double>& mlp : avatar.eyes.networks)
             mlp = Mlp<double>::init(DrivenFeatures::shape(sizes), Random{9, draw.next++});
     }
+    if (parts.highlights) set_tiny_lights(avatar.eyes.optics);
     p.avatar = lifted<float>(avatar);
     p.expression_names = {"jaw", "brow", "smile"};
     p.neutral = tiny_drivers<float>();

@@ -392,6 +392,13 @@ TrainState state_of(const Safetensors& file, const std::string& who) {
                             ", expected (cameras, 6)");
                 avatar.delta_view = Columns<float>::Zero(6, got[0]);
             }
+            if (const char* const lights = "avatar.eyes.light_position"; file.has(lights)) {
+                const std::vector<Index>& got = file.at(lights).shape;
+                require(got.size() == 2 && got[0] > 0 && got[0] <= most_lights && got[1] == 3, who,
+                        std::string("tensor '") + lights + "': got shape " + shape_text(got) +
+                            ", expected (lights, 3)");
+                resize_lights(avatar.eyes.optics, got[0]);
+            }
             s.avatar = std::move(avatar);
             load_avatar(file, word, s, s.avatar, s.avatar_adam);
         }

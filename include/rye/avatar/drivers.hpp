@@ -65,6 +65,14 @@ struct Drivers {
     }
 };
 
+/// Returns the drivers with the camera's centre, if an effect reads it.
+template <class T, EffectSet E, class Camera>
+Drivers<T, E> seen_from(Drivers<T, E> drivers, [[maybe_unused]] const Camera& camera) {
+    if constexpr (has_effect<E, ReadsCamera>)
+        drivers.camera = camera.centre().template cast<T>();
+    return drivers;
+}
+
 /// Drivers whose gazes are optical axes, which eyeballs turn to and networks and features read.
 /// optical_drivers (avatar/eye_parameters.hpp) makes them of tracked ones by an avatar's kappa; the
 /// constructor takes gazes as they are for optical axes.

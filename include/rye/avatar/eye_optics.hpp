@@ -7,13 +7,14 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstddef>
+#include <vector>
 
 #include <rye/avatar/drivers.hpp>
+#include <rye/avatar/eye_lights.hpp>
 #include <rye/avatar/head_pose.hpp>
 #include <rye/backend/backend.hpp>
-#include <rye/rig/cornea.hpp>
-#include <rye/rig/eye_transform.hpp>
 #include <rye/rig/eyeball.hpp>
 
 namespace rye {
@@ -22,31 +23,42 @@ namespace rye {
 using SeesCornea = AnyOf<CornealRefraction, Glint>;
 
 /// Corneas and lights of both eyes, for the effects that see them; fields of other effects are
-/// absent.
+/// absent. Without lights, Glint has no tensor and does nothing.
 template <class T, EffectSet E = PaperEffects>
 struct EyeOptics {
     /// Fixed, an eye a column: centre, radius, axis, rim of rig/cornea.hpp's Cornea, 8 x 2.
     [[no_unique_address]] Slot<E, SeesCornea, Columns<T>> cornea;
     [[no_unique_address]] Slot<E, CornealRefraction, Columns<T>> index;  ///< fixed, 1 x 2
     [[no_unique_address]] Slot<E, Glint, Columns<T>> light_position;     ///< world, 3 x L
-    /// Colour that a light's image adds to the first channels at its middle, 3 x L or fewer rows.
+    /// Colour that a light's image adds to the first channels at its middle, 3 x L.
     [[no_unique_address]] Slot<E, Glint, Columns<T>, 1> light_intensity;
     /// Fixed: the image's deviation [unit], 1 x L. Gaussians that are farther apart do not show it.
     [[no_unique_address]] Slot<E, Glint, Columns<T>, 2> light_width;
 
     template <class F, class... P>
     static void fields([[maybe_unused]] F&& f, [[maybe_unused]] P&&... p) {
-        if constexpr (has_effect<E, Glint>) {
-            f("light_position", p.light_position...);
-            f("light_intensity", p.light_intensity...);
-        }
+        if constexpr (has_effect<E, Glint>)
+            if (((p.light_width.size() > 0) || ...)) {
+                f("light_position", p.light_position...);
+                f("light_intensity", p.light_intensity...);
+            }
     }
     template <class F, class... P>
     static void buffers([[maybe_unused]] F&& f, [[maybe_unused]] P&&... p) {
-        if constexpr (has_effect<E, SeesCornea>) f("cornea", p.cornea...);
+        if constexpr (has_effect<E, SeesCornea>)
+            if ((p.sees_cornea() || ...)) f("cornea", p.cornea...);
         if constexpr (has_effect<E, CornealRefraction>) f("refractive_index", p.index...);
-        if constexpr (has_effect<E, Glint>) f("light_width", p.light_width...);
+        if constexpr (has_effect<E, Glint>)
+            if (((p.light_width.size() > 0) || ...)) f("light_width", p.light_width...);
     }
+
+    /// Returns the number of lights.
+    Index lights() const {
+        if constexpr (has_effect<E, Glint>) return light_width.cols();
+        return 0;
+    }
+    /// Returns true if what a camera sees of the eyes depends on where it is.
+    bool sees_cornea() const { return has_effect<E, CornealRefraction> || lights() > 0; }
 };
 
 /// The cornea of an eyeball's shape.
@@ -73,7 +85,7 @@ template <Real T, EffectSet E>
     requires has_effect<E, SeesCornea>
 void set_corneas(EyeOptics<T, E>& optics, const Cornea<T>& left, const Cornea<T>& right,
                  double index = aqueous_index) {
-    optics.cornea.resize(8, 2);
+    optics.cornea.resize(cornea_numbers, 2);
     for (Index k = 0; k < 3; ++k) {
         optics.cornea.row(k) << left.centre[k], right.centre[k];
         optics.cornea.row(4 + k) << left.axis[k], right.axis[k];
@@ -84,9 +96,23 @@ void set_corneas(EyeOptics<T, E>& optics, const Cornea<T>& left, const Cornea<T>
         optics.index = Columns<T>::Constant(1, 2, static_cast<T>(index));
     if constexpr (has_effect<E, Glint>) {
         optics.light_position.resize(3, 0);
-        optics.light_intensity.resize(3, 0);
+        optics.light_intensity.resize(light_channels, 0);
         optics.light_width.resize(1, 0);
     }
+}
+
+/// Most lights that an avatar may have.
+inline constexpr Index most_lights = 16;
+
+/// Gives the avatar so many lights, of position and intensity 0 and width 1; corneas of 0 where it
+/// has none yet.
+template <Real T, EffectSet E>
+    requires has_effect<E, Glint>
+void resize_lights(EyeOptics<T, E>& optics, Index count) {
+    if (optics.cornea.size() == 0) optics.cornea.setZero(cornea_numbers, 2);
+    optics.light_position.setZero(3, count);
+    optics.light_intensity.setZero(light_channels, count);
+    optics.light_width.setOnes(1, count);
 }
 
 /// Turns an eye's cornea with its points.
@@ -100,10 +126,39 @@ void turn_cornea(EyeOptics<T, E>& optics, std::size_t eye, const Mat3<T>& rotati
     }
 }
 
-/// Intermediate results of the eyes' optics for their vjp.
-template <class T>
+/// Throws an Error unless corneas and lights have the shapes that belong together.
+template <class T, EffectSet E>
+    requires has_effect<E, SeesCornea>
+void check_optics(const EyeOptics<T, E>& optics) {
+    const auto shape = [](const char* name, const Columns<T>& a, Index rows, Index cols,
+                          const char* more) {
+        require(a.rows() == rows && a.cols() == cols, "eye_optics", name, " of ", a.rows(), " x ",
+                a.cols(), ", expected ", rows, " x ", cols, more);
+    };
+    shape("got corneas", optics.cornea, cornea_numbers, 2, ": see set_corneas");
+    if constexpr (has_effect<E, Glint>) {
+        shape("got positions of lights", optics.light_position, 3, optics.lights(), "");
+        shape("got intensities of lights", optics.light_intensity, light_channels,
+              optics.lights(), "");
+        require(optics.lights() <= most_lights, "eye_optics", "got ", optics.lights(),
+                " lights, expected at most ", most_lights);
+    }
+}
+
+/// Returns the views of the lights' arrays.
+template <class T, EffectSet E>
+    requires has_effect<E, Glint>
+LightArrays<T> arrays_of(const EyeOptics<T, E>& optics) {
+    return {optics.cornea.data(), optics.light_position.data(), optics.light_intensity.data(),
+            optics.light_width.data(), optics.lights()};
+}
+
+/// Intermediate results of the eyes' optics for their vjp; those of lights are empty without any.
+template <class T, EffectSet E = PaperEffects>
 struct OpticsTrace {
-    std::array<Columns<T>, 2> seen;        ///< each eye's points, its own frame, 3 x P
+    /// Each eye's points, its own frame, 3 x P.
+    [[no_unique_address]] Slot<E, CornealRefraction, std::array<Columns<T>, 2>> seen;
+    [[no_unique_address]] Slot<E, Glint, std::array<std::vector<SeenLight<T>>, 2>, 1> lights;
     std::array<EyeTransform<T>, 2> placed;
 };
 
@@ -121,135 +176,145 @@ struct ViewedEye {
     std::size_t eye;
     const Vec3<T>& camera; ///< its centre, world
     const EyeTransform<T>& placed;
-    const Columns<T>& points; ///< in the eye's frame, 3 x P
-    Index first;              ///< column of the eyes' features
+    const T* points; ///< in the eye's frame, 3 x P
+    Index count;     ///< P
 };
 
-/// Computes the points of one eye as they are seen; adds the glints to its columns of `feature`.
+/// Returns an eye's lights as the camera sees them.
+template <class T, EffectSet E>
+    requires has_effect<E, Glint>
+std::vector<SeenLight<T>> see_lights(const EyeOptics<T, E>& optics,
+                                     const std::type_identity_t<ViewedEye<T>>& viewed) {
+    std::vector<SeenLight<T>> seen;
+    for (Index l = 0; l < optics.lights(); ++l)
+        seen.push_back(see_light(arrays_of(optics), static_cast<int>(viewed.eye), l,
+                                 viewed.placed, viewed.camera));
+    return seen;
+}
+
+/// Adds an eye's highlights to its columns of `feature`; `seen`: its points as they are seen.
 template <class T, EffectSet E, Backend B>
-void look_into_eye(const B& backend, const EyeOptics<T, E>& optics,
-                   const std::type_identity_t<ViewedEye<T>>& viewed, OpticsTrace<T>& trace,
-                   [[maybe_unused]] Columns<T>& feature) {
+    requires has_effect<E, Glint>
+void add_highlights(const B& backend, const EyeOptics<T, E>& optics,
+                    const std::type_identity_t<ViewedEye<T>>& viewed,
+                    const std::vector<SeenLight<T>>& lights, const T* seen, Index channels,
+                    T* feature) {
+    const LightArrays<T> arrays = arrays_of(optics);
+    const T* const axis = arrays.cornea + cornea_numbers * static_cast<Index>(viewed.eye) + 4;
+    for_each(backend, viewed.count,
+             LightEyePoint<T>{{viewed.points, seen, axis}, lights.data(), arrays.intensity,
+                              arrays.count, channels, feature});
+}
+
+/// Throws an Error unless the camera, which the corneas reflect or refract for, is somewhere.
+template <class T>
+void require_camera(const Vec3<T>& camera) {
     using std::isfinite;
+    require(isfinite(camera[0]) && isfinite(camera[1]) && isfinite(camera[2]), "eye_optics",
+            "got drivers without a camera, expected its centre in the world");
+}
+
+/// Computes the points of one eye as they are seen; adds the highlights to its columns of
+/// `feature`, the first of which is that of its first point. Returns the points as they are seen.
+template <class T, EffectSet E, Backend B>
+const T* look_into_eye(const B& backend, const EyeOptics<T, E>& optics,
+                       const std::type_identity_t<ViewedEye<T>>& viewed, OpticsTrace<T, E>& trace,
+                       [[maybe_unused]] Index channels, [[maybe_unused]] T* feature) {
     const std::size_t eye = viewed.eye;
-    const EyeTransform<T>& placed = viewed.placed;
-    const Columns<T>& points = viewed.points;
-    require(isfinite(viewed.camera[0]) && isfinite(viewed.camera[1]) && isfinite(viewed.camera[2]),
-            "eye_optics", "got drivers without a camera, expected its centre in the world");
-    const Cornea<T> cornea = cornea_of(optics.cornea, eye);
-    const Vec3<T> camera = into_eye(placed, viewed.camera);
-    const Index n = points.cols();
-    trace.placed[eye] = placed;
-    trace.seen[eye] = points;
-    // By pointers: blocks of matrices cost a few instructions a point more.
-    const T* const at = points.data();
-    T* const seen = trace.seen[eye].data();
-    const auto point = [](const T* p, Index i) { return Eigen::Map<const Vec3<T>>(p + 3 * i); };
+    trace.placed[eye] = viewed.placed;
+    if constexpr (has_effect<E, Glint>) trace.lights[eye].clear();
+    if (!optics.sees_cornea()) return viewed.points;
+    require_camera(viewed.camera);
+    check_optics(optics);
+    const T* seen = viewed.points;
     if constexpr (has_effect<E, CornealRefraction>) {
-        const RefractingCornea<T> refracting{cornea, optics.index(0, static_cast<Index>(eye))};
-        for_chunks(backend.threads, n, 256, [&](Index b, Index e, Index) {
+        const RefractingCornea<T> refracting{cornea_of(optics.cornea, eye),
+                                             optics.index(0, static_cast<Index>(eye))};
+        const Vec3<T> camera = into_eye(viewed.placed, viewed.camera);
+        trace.seen[eye].resize(3, viewed.count);
+        const T* const from = viewed.points;
+        T* const to = trace.seen[eye].data();
+        for_chunks(backend.threads, viewed.count, 256, [&](Index b, Index e, Index) {
             for (Index i = b; i < e; ++i)
-                Eigen::Map<Vec3<T>>(seen + 3 * i) =
-                    seen_through<T>(refracting, camera, point(at, i));
+                put_column<3>(seen_through<T>(refracting, camera, column3(from, i)), to, i);
         });
+        seen = to;
     }
-    if constexpr (has_effect<E, Glint>)
-        for (Index l = 0; l < optics.light_width.cols(); ++l) {
-            const GlintView<T> view{camera, into_eye<T>(placed, optics.light_position.col(l)),
-                                    optics.light_width(0, l)};
-            const MirrorImage<T> image = mirror_image(cornea, view);
-            if (!image.seen) continue;
-            const Index channels = optics.light_intensity.rows(), stride = feature.rows();
-            const T* const intensity = optics.light_intensity.data() + l * channels;
-            T* colour = feature.data() + viewed.first * stride;
-            for (Index i = 0; i < n; ++i, colour += stride) {
-                const Vec3<T> x = point(at, i);
-                if (!(dot(x, cornea.axis) > T(0))) continue;  // the eyeball's back
-                const T value = glint_at<T>(image, view, point(seen, i));
-                for (Index c = 0; c < channels; ++c) colour[c] += intensity[c] * value;
-            }
-        }
+    if constexpr (has_effect<E, Glint>) {
+        trace.lights[eye] = see_lights(optics, viewed);
+        add_highlights(backend, optics, viewed, trace.lights[eye], seen, channels, feature);
+    }
+    return seen;
 }
 
 namespace detail {
 
-/// Cotangents of an eye's transform, of points that it takes into the eye.
-template <class T>
-struct IntoEye {
-    Mat3<T> rotation = Mat3<T>::Zero();
-    Vec3<T> translation = Vec3<T>::Zero();
-
-    /// Adds one point's; returns the cotangent of the point in the world.
-    Vec3<T> add(const EyeTransform<T>& eye, const Vec3<T>& world, const Vec3<T>& g) {
-        const Vec3<T> scaled = g / eye.scale, g_world = eye.rotation * scaled;
-        rotation += (world - eye.translation) * scaled.transpose();
-        translation -= g_world;
-        return g_world;
-    }
-};
-
-/// Cotangents of the points as they are seen, in the eye's frame, and of the colours.
+/// Cotangents of an eye's Gaussians: of its points as they are seen, in its frame (3 x P, where
+/// refraction reads them), and of its features.
 template <class T>
 struct SeenCotangent {
     Columns<T>& seen;
-    const Columns<T>& feature;
+    const T* feature;
+    Index channels;
 };
 
 /// One eye's part of eye_optics_vjp.
-template <class T, EffectSet E>
-IntoEye<T> look_into_eye_vjp(const EyeOptics<T, E>& optics,
+template <class T, EffectSet E, Backend B>
+IntoEye<T> look_into_eye_vjp(const B& backend, const EyeOptics<T, E>& optics,
                              const std::type_identity_t<ViewedEye<T>>& viewed,
-                             const OpticsTrace<T>& trace,
+                             const OpticsTrace<T, E>& trace,
                              const std::type_identity_t<SeenCotangent<T>>& cotangent,
                              [[maybe_unused]] EyeOptics<T, E>& grad) {
     const std::size_t eye = viewed.eye;
-    const EyeTransform<T>& placed = viewed.placed;
-    const Columns<T>& points = viewed.points;
-    Columns<T>& g_seen = cotangent.seen;
-    [[maybe_unused]] const Columns<T>& g_feature = cotangent.feature;
     const Cornea<T> cornea = cornea_of(optics.cornea, eye);
-    const Vec3<T> camera = into_eye(placed, viewed.camera);
     Vec3<T> g_camera = Vec3<T>::Zero();
     IntoEye<T> sum;
-    if constexpr (has_effect<E, Glint>)
-        for (Index l = 0; l < optics.light_width.cols(); ++l) {
-            const Vec3<T> at = optics.light_position.col(l);
-            const GlintView<T> view{camera, into_eye(placed, at), optics.light_width(0, l)};
-            const MirrorImage<T> image = mirror_image(cornea, view);
-            if (!image.seen) continue;
-            GlintGradient<T> g_glint{{Vec3<T>::Zero(), T(0), true}, g_camera, Vec3<T>::Zero()};
-            for (Index i = 0; i < points.cols(); ++i) {
-                const Vec3<T> x = points.col(i), y = trace.seen[eye].col(i);
-                if (!(dot(x, cornea.axis) > T(0))) continue;
-                const T value = glint_at(image, view, y);
-                T g(0);
-                for (Index c = 0; c < optics.light_intensity.rows(); ++c) {
-                    g += g_feature(c, i) * optics.light_intensity(c, l);
-                    grad.light_intensity(c, l) += g_feature(c, i) * value;
-                }
-                g_seen.col(i) += glint_at_vjp(image, view, y, T(g * value), g_glint);
-            }
-            mirror_image_vjp(cornea, view, image, g_glint);
-            g_camera = g_glint.camera;
-            grad.light_position.col(l) += sum.add(placed, at, g_glint.light);
+    if constexpr (has_effect<E, Glint>) {
+        const LightArrays<T> arrays = arrays_of(optics);
+        const T* seen = viewed.points;
+        T* g_seen = nullptr;
+        if constexpr (has_effect<E, CornealRefraction>) {
+            seen = trace.seen[eye].data();
+            g_seen = cotangent.seen.data();
         }
-    if constexpr (has_effect<E, CornealRefraction>) {
-        const RefractingCornea<T> refracting{cornea, optics.index(0, static_cast<Index>(eye))};
-        for (Index i = 0; i < points.cols(); ++i)
-            seen_through_vjp<T>(refracting, camera, points.col(i), g_seen.col(i), g_camera);
+        const T* const axis = arrays.cornea + cornea_numbers * static_cast<Index>(eye) + 4;
+        for (Index l = 0; l < arrays.count; ++l) {
+            const SeenLight<T>& light = trace.lights[eye][static_cast<std::size_t>(l)];
+            if (!light.image.seen) continue;
+            using Sums = LightEyePointVjp<T>;
+            const SumsOf<Sums> sums =
+                sum_each(backend, viewed.count,
+                         Sums{{viewed.points, seen, axis}, &light,
+                              arrays.intensity + light_channels * l, cotangent.channels,
+                              cotangent.feature, g_seen});
+            const GlintGradient<T> g = light_vjp(cornea, light, sums);
+            for (int c = 0; c < light_channels; ++c)
+                grad.light_intensity(c, l) += sums[std::size_t(Sums::intensity_at + c)];
+            g_camera += g.camera;
+            grad.light_position.col(l) +=
+                sum.add(viewed.placed, optics.light_position.col(l), g.light);
+        }
     }
-    sum.add(placed, viewed.camera, g_camera);
+    if constexpr (has_effect<E, CornealRefraction>) {
+        const Vec3<T> camera = into_eye(viewed.placed, viewed.camera);
+        const RefractingCornea<T> refracting{cornea, optics.index(0, static_cast<Index>(eye))};
+        for (Index i = 0; i < viewed.count; ++i)
+            seen_through_vjp<T>(refracting, camera, column3(viewed.points, i),
+                                cotangent.seen.col(i), g_camera);
+    }
+    sum.add(viewed.placed, viewed.camera, g_camera);
     return sum;
 }
 
 } // namespace detail
 
 /// Both eyes before the camera.
-template <class T>
+template <class T, EffectSet E>
 struct ViewedEyes {
     const Vec3<T>& camera;      ///< its centre, world
     const Columns<T>& position; ///< both eyes' points
-    const OpticsTrace<T>& trace;
+    Index left;                 ///< how many of them are the left eye's
+    const OpticsTrace<T, E>& trace;
 };
 
 /// Head-frame cotangents of the eyes' Gaussians: columns of a cloud's from `begin` on.
@@ -268,41 +333,37 @@ struct OpticsGradients {
 
 /// Accumulates the lights' gradients, and gives what the camera and the lights, taken into the
 /// eyes, add to those of the transforms. `head` is the HeadTransform of an avatar that has one.
-template <class T, EffectSet E, class... Head>
+template <class T, EffectSet E, Backend B, class... Head>
     requires has_effect<E, SeesCornea>
-void eye_optics_vjp(const EyeOptics<T, E>& optics,
-                    const std::type_identity_t<ViewedEyes<T>>& viewed,
+void eye_optics_vjp(const B& backend, const EyeOptics<T, E>& optics,
+                    const std::type_identity_t<ViewedEyes<T, E>>& viewed,
                     const std::type_identity_t<EyesCotangent<T>>& cotangent,
                     const std::type_identity_t<OpticsGradients<T, E>>& gradients,
                     const Head&... head) {
-    const OpticsTrace<T>& trace = viewed.trace;
+    if (!optics.sees_cornea()) return;
+    const OpticsTrace<T, E>& trace = viewed.trace;
     const Gaussians<T>& g = cotangent.gaussians;
-    const Index begin = cotangent.begin;
     OpticsCotangent<T>& out = gradients.eyes;
-    Index first = 0, n = 0;
-    for (std::size_t eye = 0; eye < 2; ++eye, first += n) {
-        n = trace.seen[eye].cols();
+    Vec3<T> translation = Vec3<T>::Zero();
+    ((translation = head.translation), ...);
+    for (std::size_t eye = 0; eye < 2; ++eye) {
+        const Index first = eye == 0 ? 0 : viewed.left, at = cotangent.begin + first,
+                    n = eye == 0 ? viewed.left : viewed.position.cols() - viewed.left;
         const EyeTransform<T>& placed = trace.placed[eye];
-        Mat3<T> turn = placed.rotation;                      // eye to head
-        ((turn = head.rotation.transpose() * placed.rotation), ...);
-        Columns<T> g_seen = turn.transpose() * g.mean.middleCols(begin + first, n);
-        const detail::IntoEye<T> into = detail::look_into_eye_vjp<T, E>(
-            optics, {eye, viewed.camera, placed, viewed.position.middleCols(first, n), first},
-            trace, {g_seen, g.feature.middleCols(begin + first, n)}, gradients.lights);
-        out.turn[eye] = into.rotation;
-        out.centre.col(static_cast<Index>(eye)) = into.translation;
-        [[maybe_unused]] const auto by_head = [&](const auto& h) {
-            // R = R_h R_g, t = S R_h c + T.
-            const Vec3<T> centre = placed.translation - h.translation;  // S R_h c
-            const Vec3<T> c = h.rotation.transpose() * centre;
-            out.head.rotation +=
-                into.rotation * turn.transpose() + into.translation * c.transpose();
-            out.head.translation += into.translation;
-            out.turn[eye] = h.rotation.transpose() * into.rotation;
-            out.centre.col(static_cast<Index>(eye)) =
-                h.scale * (h.rotation.transpose() * into.translation);
-        };
-        (by_head(head), ...);
+        Columns<T> g_seen;
+        if constexpr (has_effect<E, CornealRefraction>)
+            g_seen = (placed.head_rotation.transpose() * placed.rotation).transpose() *
+                     g.mean.middleCols(at, n); // from the head's frame into the eye's
+        const IntoEye<T> into = detail::look_into_eye_vjp<T, E>(
+            backend, optics,
+            {eye, viewed.camera, placed, viewed.position.data() + 3 * first, n}, trace,
+            {g_seen, g.feature.data() + g.feature.rows() * at, g.feature.rows()},
+            gradients.lights);
+        const PlacedEyeCotangent<T> apart = placed_eye_vjp(into, placed, translation);
+        out.turn[eye] = apart.turn;
+        out.centre.col(static_cast<Index>(eye)) = apart.centre;
+        out.head.rotation += apart.head_rotation;
+        out.head.translation += apart.head_translation;
     }
 }
 

@@ -19,7 +19,7 @@ template <class T, EffectSet E = PaperEffects>
 struct EyeTrace {
     [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetTrace<T>> offset;
     [[no_unique_address]] GazeSlot<E, Quat<T>> turn;  ///< rest (+z) to gaze, no torsion
-    [[no_unique_address]] Slot<E, SeesCornea, OpticsTrace<T>> optics;
+    [[no_unique_address]] Slot<E, SeesCornea, OpticsTrace<T, E>> optics;
 };
 
 /// Destination of driven eyeballs: P columns of a cloud from `begin` on.
@@ -56,13 +56,11 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
         }
         const Index first = eyes.first_point(e), n = eyes.points_of(e);
         const T* points = eyes.position.data() + 3 * first;
-        if constexpr (has_effect<E, SeesCornea>) {
-            look_into_eye(backend, eyes.optics,
-                          {eye, frame.optical.drivers.camera, placed,
-                           Columns<T>(eyes.position.middleCols(first, n)), begin + first},
-                          trace.optics, g.feature);
-            points = trace.optics.seen[eye].data();
-        }
+        if constexpr (has_effect<E, SeesCornea>)
+            points = look_into_eye(backend, eyes.optics,
+                                   {eye, frame.optical.drivers.camera, placed, points, n},
+                                   trace.optics, g.feature.rows(),
+                                   g.feature.data() + g.feature.rows() * (begin + first));
         for_each(backend, n,
                  DriveEyePoint<T, E>{{arrays_of(eyes).from(first), points,
                                       columns_from(arrays_of(g), {begin + first, n}), &placed},
@@ -145,7 +143,8 @@ SumsOfEyes<T, E> eye_points_vjp(const B& backend, const EyeStream<T, E>& eyes,
         const Index first = eyes.first_point(e), n = eyes.points_of(e);
         const ColumnRange columns{driven.begin + first, n};
         const T* points = eyes.position.data() + 3 * first;
-        if constexpr (has_effect<E, SeesCornea>) points = driven.trace.optics.seen[eye].data();
+        if constexpr (has_effect<E, CornealRefraction>)
+            points = driven.trace.optics.seen[eye].data();
         const Quat<T>* turn = nullptr;
         if constexpr (eye_turns<E, eye>) turn = &of_eye<eye>(driven.trace.turn);
         std::get<eye>(sums) =

@@ -175,9 +175,10 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
                       g.feature, grad.shading);
     [[maybe_unused]] const auto optics_vjp = [&](const auto&... head) {
         if constexpr (has_effect<E, SeesCornea>)
-            eye_optics_vjp(avatar.eyes.optics,
-                           {drivers.camera, avatar.eyes.position, trace.eyes.optics}, {g, n},
-                           {grad.eyes.optics, g_frame.optics}, head...);
+            eye_optics_vjp(backend, avatar.eyes.optics,
+                           {drivers.camera, avatar.eyes.position, avatar.eyes.points_of(0),
+                            trace.eyes.optics},
+                           {g, n}, {grad.eyes.optics, g_frame.optics}, head...);
     };
     const auto driven = [&]() -> DrivenFace<T, E> {
         if constexpr (has_own_effects<E>)

@@ -26,9 +26,10 @@ namespace rye {
 
 /// Name of the format in the file's metadata.
 inline constexpr const char* avatar_format = "rye-avatar";
-/// Version of the format that is written. Readers also accept version 1, whose avatars have no
-/// light and no driven eyes, and a separate kappa.
-inline constexpr const char* avatar_version = "2";
+/// Version of the format that is written. Readers also accept version 2, whose avatars have no
+/// highlights, and version 1, whose avatars have no light and no driven eyes either, and a separate
+/// kappa.
+inline constexpr const char* avatar_version = "3";
 
 /// How an avatar file stores parameters other than positions.
 enum class AvatarPrecision {
@@ -124,6 +125,7 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
         {"gaze_axis", p.visual_axes() ? "visual" : "optical"},
         {"eye_appearance", has_driven_eyes(p.avatar) ? "driven" : "free"},
         {"shading", p.avatar.shading.any() ? "head_pose" : "none"},
+        {"highlights", p.avatar.eyes.optics.lights() > 0 ? "lights" : "none"},
         {"left_eye_points", std::to_string(p.avatar.eyes.points_of(0))},
         {"expression_names", detail::names_text(p.expression_names)},
     };
@@ -145,9 +147,10 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
             (found == file.metadata().end() ? std::string("none") : "'" + found->second + "'"),
             ", expected '", avatar_format,
             "'; `rye export --run RUN --out NAME.avatar` writes such a file");
-    const bool first = file.word("version") == "1";
-    require(first || file.word("version") == avatar_version, who, "metadata 'version': got '",
-            file.word("version"), "', expected '1' or '", avatar_version, "'");
+    const bool first = file.word("version") == "1", second = file.word("version") == "2";
+    require(first || second || file.word("version") == avatar_version, who,
+            "metadata 'version': got '", file.word("version"), "', expected '1', '2' or '",
+            avatar_version, "'");
     require(file.checked(), who, "the metadata 'checksum' is missing");
     PlayableAvatar<T> p;
     p.name = file.word("name");
@@ -162,6 +165,10 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
                                                    "avatar.eyes.left_appearance_mlp.conv0.weight");
     const bool light = !first && detail::has_part(file, who, "shading", {"none", "head_pose"},
                                                   "avatar.shading.light");
+    const char* const lights = "avatar.eyes.light_position";
+    const bool highlights =
+        !first && !second &&
+        detail::has_part(file, who, "highlights", {"none", "lights"}, lights);
     // Layers and parts without numbers, to be replaced by the file's.
     detail::each_network(p.avatar, p.config, driven,
                          [](const std::string&, auto& net, const MlpShape& s) {
@@ -171,6 +178,13 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
                          });
     if (light) p.avatar.shading.light.resize(8, 3);
     if (visual && !first) p.avatar.eyes.kappa.resize(2, 2);
+    if (highlights) {
+        const std::vector<Index>& got = file.at(lights).shape;
+        require(got.size() == 2 && got[0] >= 1 && got[0] <= most_lights && got[1] == 3, who,
+                lights, ": got shape ", [&] { return shape_text(got); },
+                ", expected (1 to ", most_lights, ", 3)");
+        resize_lights(p.avatar.eyes.optics, got[0]);
+    }
     p.avatar.upsampler.shape = settings.upsampler;
     p.avatar.upsampler.conv.resize(static_cast<std::size_t>(settings.upsampler.layers()));
     detail::avatar_arrays(p.avatar, [&](const std::string& name, Columns<T>& a, bool) {

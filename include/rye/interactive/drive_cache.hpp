@@ -12,9 +12,10 @@
 ///     head pose           three of the face, the eye offset,  all; light, if the rotation changed
 ///                         both eyes' features
 ///     scale               none                                all
+///     the camera's place  none                                eyes with highlights: their colours
 ///
-/// Features that an avatar lacks (driven features of the eyes, light by the head's rotation, any
-/// effect that its list does not name) are not computed.
+/// Features that an avatar lacks (driven features of the eyes, light by the head's rotation,
+/// highlights, any effect that its list does not name) are not computed.
 /// Memory: the rest pose; the outputs of each network; the driven Gaussians in the head and in the
 /// world; the light's gains.
 #pragma once
@@ -29,11 +30,12 @@
 
 namespace rye {
 
-/// Effects whose Gaussians depend only on the drivers that a cache compares: expression, head pose
-/// and gaze. Effects that read the camera, such as CornealRefraction and Glint, change Gaussians
-/// with each view; the inputs of a user's own effects are not known.
+/// Effects whose Gaussians depend only on what a cache compares: expression, head pose, gaze, and
+/// for Glint the camera. CornealRefraction moves Gaussians with each view; the inputs of a user's
+/// own effects are not known.
 template <class E>
-concept KeptFromFrameToFrame = EffectSet<E> && !has_effect<E, ReadsCamera> && !has_own_effects<E>;
+concept KeptFromFrameToFrame = EffectSet<E> && !has_effect<E, CornealRefraction> &&
+    !has_own_effects<E>;
 
 /// Work of the last update.
 struct DriveWork {
@@ -129,9 +131,9 @@ class DriveCache {
     struct Changes {
         bool first = false; ///< true until the first evaluation
         std::array<bool, face_drivers> driver{};
-        bool scale = false, light = false;
+        bool scale = false, light = false, view = false;
         bool any() const {
-            return first || scale || driver[0] || driver[1] || driver[2] || driver[3];
+            return first || scale || view || driver[0] || driver[1] || driver[2] || driver[3];
         }
         bool moves_all() const { return first || driver[1] || scale; }
         bool attributes() const { return driver[0] || driver[1]; }
@@ -154,6 +156,8 @@ class DriveCache {
                     !same_bits(of_eye<eye>(d.gaze), of_eye<eye>(last_->gaze));
         });
         if constexpr (has_effect<E, HeadPose>) c.scale = !same_bits(d.scale, last_->scale);
+        if constexpr (has_effect<E, Glint>)
+            c.view = has_highlights() && !same_bits(d.camera, last_->camera);
         return c;
     }
 
@@ -162,6 +166,11 @@ class DriveCache {
             return avatar_->shading.any();
         else
             return false;
+    }
+
+    bool has_highlights() const {
+        if constexpr (has_effect<E, Glint>) return avatar_->eyes.optics.lights() > 0;
+        return false;
     }
 
     /// Computes the parts that depend on no driver.
@@ -311,35 +320,39 @@ class DriveCache {
                 for_each(backend_, points,
                          SizeEyePoint<T, E>{arrays_of(eyes), to, head_address<T>(head...)});
             });
-        const std::array<bool, 2> coloured = write_eye_features(c, drivers);
         for_eyes([&]<std::size_t eye>() {
             constexpr Index e = static_cast<Index>(eye);
             const Index first = eyes.first_point(e), n = eyes.points_of(e);
-            if (moved[eye]) {
-                const EyeTransform<T> placed = with_head([&](const auto&... head) {
-                    return placed_eye<eye>(eyes, Vec3<T>(centre_.col(e)), drivers, head...);
-                });
-                for_each(backend_, n,
-                         PlaceEyePoint<T>{arrays_of(eyes).from(first),
-                                          eyes.position.data() + 3 * first,
-                                          columns_from(to, {first, n}), &placed});
-                ++work_.eyes;
-            }
+            if (!moved[eye]) return;
+            placed_[eye] = with_head([&](const auto&... head) {
+                return placed_eye<eye>(eyes, Vec3<T>(centre_.col(e)), drivers, head...);
+            });
+            for_each(backend_, n,
+                     PlaceEyePoint<T>{arrays_of(eyes).from(first),
+                                      eyes.position.data() + 3 * first,
+                                      columns_from(to, {first, n}), &placed_[eye]});
+            ++work_.eyes;
+        });
+        const std::array<bool, 2> coloured = write_eye_features(c, drivers, moved);
+        for_eyes([&]<std::size_t eye>() {
+            constexpr Index e = static_cast<Index>(eye);
+            const Index first = eyes.first_point(e), n = eyes.points_of(e);
             if (moved[eye] || coloured[eye])
                 for (Index i = 0; i < n; ++i) changed_.push_back(rest_->count + first + i);
         });
     }
 
-    /// Writes the features of eyes whose drivers or light changed; returns those eyes.
-    std::array<bool, 2> write_eye_features(const Changes& c,
-                                           const OpticalDrivers<T, E>& drivers) {
+    /// Writes the features of eyes whose drivers, light or highlights changed; returns those eyes.
+    std::array<bool, 2> write_eye_features(const Changes& c, const OpticalDrivers<T, E>& drivers,
+                                           [[maybe_unused]] const std::array<bool, 2>& moved) {
         const EyeStream<T, E>& eyes = avatar_->eyes;
         std::array<bool, 2> which{}, driven{};
         for (std::size_t eye = 0; eye < 2; ++eye) {
             const bool gaze = c.driver[2 + eye];
             driven[eye] = drives_features<EyeAppearanceOf<E>>(eyes.appearance(), eye);
             which[eye] = c.first || c.light || (driven[eye] && (c.attributes() || gaze)) ||
-                         (GazeMechanismOf<E>::changes_features && gaze);
+                         (GazeMechanismOf<E>::changes_features && gaze) ||
+                         (has_highlights() && (c.view || moved[eye]));
         }
         if constexpr (!eyes_apart<E>)
             if (which[0] || which[1] ||
@@ -351,6 +364,7 @@ class DriveCache {
             const std::size_t e = static_cast<std::size_t>(eye);
             if (!which[e]) continue;
             const Index begin = rest_->count + eyes.first_point(eye), n = eyes.points_of(eye);
+            if constexpr (has_effect<E, Glint>) highlight(drivers, e);
             if (has_light())
                 for (Index i = begin; i < begin + n; ++i)
                     shade_point(gain_, rest_->count + eye, world_.feature, i);
@@ -359,6 +373,19 @@ class DriveCache {
             work_.points += n;
         }
         return which;
+    }
+
+    /// Adds an eye's highlights, if the avatar has lights.
+    void highlight(const OpticalDrivers<T, E>& drivers, std::size_t eye) {
+        const EyeStream<T, E>& eyes = avatar_->eyes;
+        if (!has_highlights()) return;
+        const Index e = static_cast<Index>(eye), first = eyes.first_point(e);
+        const Index channels = world_.feature.rows();
+        OpticsTrace<T, E> trace;
+        look_into_eye(backend_, eyes.optics,
+                      {eye, drivers.drivers.camera, placed_[eye],
+                       eyes.position.data() + 3 * first, eyes.points_of(e)},
+                      trace, channels, world_.feature.data() + channels * (rest_->count + first));
     }
 
     /// Returns the points that a set of drivers influences; computed once per set.
@@ -383,6 +410,7 @@ class DriveCache {
     Columns<T> attributes_;     ///< summed steps, 8 x N
     Columns<T> gain_;           ///< of the light, 3 x (N + 2)
     Columns<T> centre_;         ///< of the eyes in the head frame, 3 x 2
+    std::array<EyeTransform<T>, 2> placed_;
     Gaussians<T> face_;         ///< head frame
     Gaussians<T> world_, part_;
     std::vector<Index> changed_;

@@ -10,7 +10,7 @@
 ///                                          tiles of their old and new places (or whole)
 ///     expression, pose    influenced       the same, or all if many moved    the same
 ///     background          none             blending                          whole
-///     camera              none             whole                             whole
+///     camera              highlights       whole                             whole
 ///
 /// Every image equals that of drive(), Rasterizer::forward and upsampler_forward, bit for bit.
 /// Memory: see bytes().
@@ -62,7 +62,7 @@ class FrameCache {
         const bool whole = !shown_ || !redraw_.drawn() || !same_bits(camera, shown_->camera);
         const bool repaint = whole || !same_bits(background, shown_->background);
         shown_.reset();  // invalid until the update is complete
-        const Gaussians<T>& g = drive_.update(drivers);
+        const Gaussians<T>& g = drive_.update(seen_from(drivers, camera));
         const std::vector<Index>& changed = drive_.changed();
         if (whole || static_cast<Index>(changed.size()) > g.count() / whole_share) {
             redraw_.draw(g, camera, background);

@@ -243,9 +243,7 @@ class AvatarTrainer {
                             corrected_gaze<T>(of_eye<eye>(tracked.gaze),
                                               avatar_.delta_gaze.col(images.frame).data(), eye);
                 });
-        if constexpr (has_effect<E, ReadsCamera>)
-            drivers.camera = images.camera.centre().template cast<T>();
-        return drivers;
+        return seen_from(std::move(drivers), images.camera);
     }
 
     /// Returns the picture's view, if cameras are corrected.

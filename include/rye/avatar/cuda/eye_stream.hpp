@@ -8,6 +8,7 @@
 #include <string>
 
 #include <rye/avatar/cuda/driven_features.hpp>
+#include <rye/avatar/cuda/eye_highlights.hpp>
 #include <rye/avatar/cuda/eye_points.hpp>
 #include <rye/avatar/cuda/field.hpp>
 #include <rye/avatar/cuda/gaze_mechanisms.hpp>
@@ -41,14 +42,19 @@ class DeviceEyeStream {
         if constexpr (own_turn<E>)
             mechanism_ = std::make_unique<DeviceGazeMechanism<GazeMechanismOf<E>, Device>>(
                 device, host.mechanism());
+        if constexpr (has_effect<E, Glint>)
+            highlights_ = std::make_unique<DeviceHighlights<E, Device>>(device, host.optics);
         if constexpr (has_effect<E, EyeOffset>)
             offset_ = std::make_unique<DeviceMlpColumn<Device, A>>(device, host.offset.mlp.shape);
     }
 
     Index count() const { return host_->position.cols(); }
 
-    /// Takes what is not trained: the template's points and the neutral centres. Waits.
-    void set_fixed(const CudaQueue& queue) {
+    /// Takes what is not trained: the template's points and the neutral centres. Waits. `camera`:
+    /// where each frame's camera will lie, 3 numbers in device memory.
+    void set_fixed(const CudaQueue& queue, const float* camera) {
+        camera_ = camera;
+        if constexpr (has_effect<E, Glint>) highlights_->set_fixed(queue);
         const auto put = [&](DeviceBuffer<float>& to, const Columns<float>& a) {
             to.reserve(queue, static_cast<std::size_t>(a.size()) + 1);
             device_.send(queue, to.data(), a.data(),
@@ -112,6 +118,8 @@ class DeviceEyeStream {
                 {{arrays_at(of), position_.data(), to, &frame->eye[0]}, &frame->head},
                 host_->points_of(0)});
         appearance_.features_into(queue, of, frame_, to.feature, keep);
+        if constexpr (has_effect<E, Glint>)
+            highlights_->add_into(queue, of, camera_, frame, points(), to.feature);
     }
 
     /// Adds the gradients of the last drive_into to arrays that `to` gives, but for what
@@ -129,6 +137,9 @@ class DeviceEyeStream {
         appearance_.vjp_into(queue, of, to, parts, cotangent.g.feature);
         points_vjp<0>(queue, {arrays_at(of), arrays_at(to)}, frame, cotangent);
         points_vjp<1>(queue, {arrays_at(of), arrays_at(to)}, frame, cotangent);
+        if constexpr (has_effect<E, Glint>)
+            highlights_->vjp_into(queue, of, to, camera_, frame, points(), cotangent.g.feature,
+                                  const_cast<float*>(sums(0)));
         if constexpr (own_turn<E>)
             mechanism_->vjp_into(queue, to, parts, {turn_sums<0>(), turn_sums<1>()});
         if constexpr (has_effect<E, EyeOffset>) {
@@ -170,6 +181,7 @@ class DeviceEyeStream {
         std::size_t sum = position_.bytes() + centre_.bytes() + numbers_.bytes() + sums_.bytes() +
                           appearance_.bytes();
         if constexpr (own_turn<E>) sum += mechanism_->bytes();
+        if constexpr (has_effect<E, Glint>) sum += highlights_->bytes();
         if constexpr (axes_are_trained<E>) sum += g_axis_.bytes();
         if constexpr (has_effect<E, EyeOffset>) sum += offset_->bytes();
         return sum;
@@ -193,6 +205,7 @@ class DeviceEyeStream {
         using Places = EyeSums<E, eye>;
         return Places::turn ? sums(eye) + Places::turn_at : nullptr;
     }
+    DeviceEyePoints points() const { return {position_.data(), count(), host_->points_of(0)}; }
     float* g_offset() const { return numbers_.data() + 6; }
     float* g_input() const { return numbers_.data() + 12 + 2 * EyeSums<E, 0>::room; }
 
@@ -217,6 +230,9 @@ class DeviceEyeStream {
     DeviceSums<Device> sums_;
     Appearance appearance_;
     DeviceEyeFrame frame_{};
+    const float* camera_ = nullptr; ///< of the frame, in the world, 3
+    [[no_unique_address]] Slot<E, Glint, std::unique_ptr<DeviceHighlights<E, Device>>, 1>
+        highlights_;
     [[no_unique_address]] PresentIf<
         own_turn<E>, NoOwnTurn, std::unique_ptr<DeviceGazeMechanism<GazeMechanismOf<E>, Device>>>
         mechanism_;

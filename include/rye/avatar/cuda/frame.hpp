@@ -23,11 +23,12 @@ inline constexpr bool frames_have_corrections =
     has_effect<E, ReadsHeadPose> || has_effect<E, Kappa>;
 
 /// Where the numbers of a frame's drivers lie, one after the other, as far as effects read them:
-/// expression, pose, scale, gaze of each eye that turns, the column of delta_pose and delta_gaze,
-/// -1 for none, that of delta_view, and its pivot.
+/// expression, pose, scale, gaze of each eye that turns, the camera's centre, the column of
+/// delta_pose and delta_gaze, -1 for none, that of delta_view, and its pivot.
 template <EffectSet E>
 struct DriverPlaces {
-    Index expression = 0, pose = 0, scale = 0, gaze[2] = {0, 0}, column = 0, view = 0, size = 0;
+    Index expression = 0, pose = 0, scale = 0, gaze[2] = {0, 0}, camera = 0, column = 0, view = 0,
+          size = 0;
 
     explicit DriverPlaces(const AvatarConfig& config) {
         const auto next = [&](Index& place, bool present, Index count) {
@@ -39,13 +40,15 @@ struct DriverPlaces {
         next(scale, has_effect<E, HeadPose>, 1);
         next(gaze[0], eye_turns<E, 0>, 3);
         next(gaze[1], eye_turns<E, 1>, 3);
+        next(camera, has_effect<E, ReadsCamera>, 3);
         next(column, frames_have_corrections<E>, 1);
         next(view, has_effect<E, HeadPose>, 4);
     }
 
     /// The numbers of a frame's drivers; `frame_column` is the frame's in delta_pose and
     /// delta_gaze, -1: none; `seen` the picture's view. Throws an Error for an expression of
-    /// another width, and for a gaze without a direction.
+    /// another width, and for a gaze without a direction. A camera that is nowhere, which only an
+    /// avatar without lights may have, is 0.
     std::vector<float> packed(const Drivers<float, E>& drivers,
                               [[maybe_unused]] Index frame_column,
                               [[maybe_unused]] const SeenBy<float>& seen = {}) const {
@@ -61,6 +64,8 @@ struct DriverPlaces {
             put(expression, drivers.expression);
         }
         if constexpr (has_effect<E, ReadsHeadPose>) put(pose, drivers.pose);
+        if constexpr (has_effect<E, ReadsCamera>)
+            if (drivers.camera.allFinite()) put(camera, drivers.camera);
         if constexpr (frames_have_corrections<E>)
             r[static_cast<std::size_t>(column)] = static_cast<float>(frame_column);
         if constexpr (has_effect<E, HeadPose>) {
@@ -81,7 +86,7 @@ struct DriverPlaces {
                     r[k], ", expected a finite one");
         return r;
     }
-    /// True where packed drivers of two frames have the same bits but for the gazes.
+    /// True where packed drivers of two frames have the same bits but for the gazes and the camera.
     bool same_but_gazes(const std::vector<float>& a, const std::vector<float>& b) const {
         bool same = a.size() == b.size();
         for (std::size_t k = 0; same && k < a.size(); ++k) {

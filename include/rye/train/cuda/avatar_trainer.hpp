@@ -92,7 +92,8 @@ class DeviceAvatarTrainer {
         require(view.frame >= -1 && view.frame < avatar_.frames(), "DeviceAvatarTrainer", "view ",
                 views_.count(), ": frame is ", view.frame, ", expected -1 to ",
                 avatar_.frames() - 1);
-        return views_.add(queue, view, avatar_.packed(drivers, view.frame, view.view));
+        return views_.add(queue, view, avatar_.packed(seen_from(drivers, view.camera), view.frame,
+                                                view.view));
     }
 
     /// Shares steps, before the first one: each takes group.share.count draws of run(), and its
