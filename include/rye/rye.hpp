@@ -13,6 +13,7 @@
 #include <rye/avatar/config.hpp>
 #include <rye/avatar/drivers.hpp>
 #include <rye/avatar/eye_kappa.hpp>
+#include <rye/avatar/eye_lights.hpp>
 #include <rye/avatar/eye_offset.hpp>
 #include <rye/avatar/eye_parameters.hpp>
 #include <rye/avatar/eye_points.hpp>
@@ -38,7 +39,9 @@
 #include <rye/capture/avatar_file.hpp>
 #include <rye/capture/avatar_settings.hpp>
 #include <rye/interactive/drive_cache.hpp>
+#include <rye/interactive/drive_work.hpp>
 #include <rye/interactive/frame_cache.hpp>
+#include <rye/interactive/kept_highlights.hpp>
 #include <rye/interactive/player.hpp>
 #include <rye/interactive/redraw.hpp>
 #include <rye/interactive/tile_changes.hpp>

@@ -97,7 +97,7 @@ void change(Puppet<T, E>& p, int step) {
     Drivers<T>& d = p.drivers;
     const Random random{static_cast<std::uint64_t>(step) + 90, 3};
     std::uint64_t k = 0;
-    const auto chance = [&](double p) { return random.uniform(k++) < p; };
+    const auto chance = [&](double share) { return random.uniform(k++) < share; };
     const auto any = [&] { return static_cast<T>(random.uniform(k++) - 0.5); };
     const bool all = chance(0.1);
     for (std::size_t e = 0; e < 2; ++e)
@@ -204,6 +204,12 @@ TEST_CASE("drive cache: of a trained avatar is done what its parts read of what 
     CHECK(w.networks == 6);
     CHECK(w.lit == face + 2);
 
+    p.camera.camera_from_world.translation[0] += 0.1; // highlights alone
+    w = update();
+    CHECK(w.networks == 0);
+    CHECK(w.eyes == 0);
+    CHECK(static_cast<Index>(cache.changed().size()) == eyes);
+
     p.drivers.scale = 1.25F;
     w = update();
     CHECK(w.networks == 0);
@@ -216,6 +222,7 @@ TEST_CASE("drive cache: what has no parameters takes no work") {
     p.avatar.eyes.kappa = {};
     p.avatar.shading = {};
     p.avatar.eyes.networks = {};
+    p.avatar.eyes.optics = {};
     const TwoStream<float> paper = restricted<PaperEffects>(p.avatar);
     DriveCache<XsimdBackend<>, float, TrainedEffects> cache({}, p.avatar, p.config, p.roles);
     DriveCache<XsimdBackend<>, float> papers({}, paper, p.config, p.roles);
@@ -229,7 +236,8 @@ TEST_CASE("drive cache: what has no parameters takes no work") {
         CHECK(cache.work().eyes == papers.work().eyes);
         CHECK(cache.work().lit == 0);
         CHECK(cache.changed() == papers.changed());
-        change(p.drivers, step);
+        change(p, step);
+        p.camera = tiny_camera(8, 8);
     }
     CHECK(cache.bytes() == papers.bytes());
 }

@@ -144,7 +144,14 @@ class Trainer {
             if (!train_mesh()) return false;
             fit_to_landmarks();
         }
-        const AvatarSize size = begin_avatar(state_, grid_);
+        FoundLights lights;
+        if (state_.config.highlights &&
+            state_.config.gaze_mechanism == GazeMechanismName::rotation) {
+            lights = find_lights(capture_, state_.subject);
+            if (!quiet(options_))
+                for (const std::string& line : lights.lines()) std::cout << line << "\n";
+        }
+        const AvatarSize size = begin_avatar(state_, grid_, lights);
         save();
         if (!quiet(options_))
             std::cout << "stage 2 begins with " << size.face << " face and " << size.eyes

@@ -62,6 +62,7 @@ void walk(F& f, TrainConfig& c) {
         f("gaze_mechanism", c.gaze_mechanism);
         f("eye_appearance", c.eye_appearance);
         f("shading", c.shading);
+        f("highlights", c.highlights);
         f("networks", [&] {
             NetworkConfig& n = a.networks;
             f("geometry", n.geometry);
@@ -168,6 +169,8 @@ void walk(F& f, TrainConfig& c) {
             f("delta_view", g.rates.delta_view, rate);
             f("delta_view_from", g.rates.delta_view_from, Range{0, 1e8});
             f("shading", g.rates.shading, rate);
+            f("light_intensity", g.rates.light_intensity, rate);
+            f("light_position", g.rates.light_position, rate);
         });
         f("centre_corrections", g.centre_corrections);
         f("density", [&] {
@@ -463,6 +466,7 @@ void take_generalisation(TrainConfig& c) {
     c.correct_labels = c.correct_colours = c.correct_cameras = true;
     c.avatar.pose_frequencies = c.avatar.gaze_frequencies = 1;
     c.shading = ShadingName::head_pose;
+    c.highlights = true;
     c.eye_appearance = EyeAppearanceName::driven;
     NetworkConfig& n = c.avatar.networks;
     n.exp_deform.assign(4, 128);

@@ -129,6 +129,8 @@ struct TrainConfig {
     GazeMechanismName gaze_mechanism = GazeMechanismName::rotation; ///< JSON: avatar.gaze_mechanism
     EyeAppearanceName eye_appearance = EyeAppearanceName::driven;   ///< JSON: avatar.eye_appearance
     ShadingName shading = ShadingName::none;                     ///< JSON: avatar.shading
+    bool highlights = false; ///< lights found in the photographs (training/lights.hpp); JSON:
+                             ///< avatar.highlights
     GridConfig grid;
     MeshTrainConfig mesh;
     AvatarTrainConfig gaussians;

@@ -92,10 +92,10 @@ inline constexpr int drawing_planes = 3;
 class DeviceDrawer {
   public:
     virtual ~DeviceDrawer() = default;
-    /// Drives the avatar for the following pictures, by gazes as this avatar takes them. A frame
+    /// Drives the avatar for pictures by this camera, by gazes as this avatar takes them. A frame
     /// that differs from the previous one in the gazes alone takes less time, and has the same
     /// bits.
-    virtual void drive(const Drivers<float>& drivers) = 0;
+    virtual void drive(const Drivers<float>& drivers, const Pinhole<float>& camera) = 0;
     /// Returns the picture after super-resolution, on white; `camera` is that of the render.
     virtual Image<float> picture(const Pinhole<float>& camera) = 0;
     /// Returns each eye's share of the pixels' colours, two channels.

@@ -27,8 +27,8 @@ class DeviceDrawerOf final : public DeviceDrawer {
         if (lpips) lpips_ = std::make_unique<Lpips>(Device{}, queue_, *lpips);
     }
 
-    void drive(const Drivers<float>& drivers) override {
-        drawer_.drive(queue_, restricted<E>(drivers));
+    void drive(const Drivers<float>& drivers, const Pinhole<float>& camera) override {
+        drawer_.drive(queue_, seen_from(restricted<E>(drivers), camera));
     }
     Image<float> picture(const Pinhole<float>& camera) override {
         return drawer_.picture(queue_, camera);

@@ -77,7 +77,7 @@ Image<float> AvatarDrawer::picture(const Drivers<float>& drivers,
                                    const Pinhole<float>& camera) const {
     if (!device_) return render_avatar(*state_, drivers, camera).high;
     const std::lock_guard<std::mutex> lock(device_->mutex);
-    device_->drawer->drive(drivers);
+    device_->drawer->drive(drivers, camera);
     return of_camera(device_->drawer->picture(of_render(*state_, camera)), camera);
 }
 
@@ -86,7 +86,7 @@ ShownAvatar AvatarDrawer::shown(const Drivers<float>& drivers, const Pinhole<flo
     ShownAvatar r;
     r.eyes.centre = posed_centres(*state_, drivers);
     const std::lock_guard<std::mutex> lock(device_->mutex);
-    device_->drawer->drive(drivers);
+    device_->drawer->drive(drivers, camera);
     r.picture = of_camera(device_->drawer->picture(of_render(*state_, camera)), camera);
     r.eyes.area = device_->drawer->eyes(camera);
     return r;

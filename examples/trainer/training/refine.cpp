@@ -101,7 +101,9 @@ Json parts_of(const LabelUnknowns& u, const VecX<double>& v) {
 
 PlayableAvatar<float> refined_avatar(const TrainState& drawn, const Capture& capture) {
     const int frame = capture.train.empty() ? 0 : capture.train.front();
-    return playable_avatar(drawn, capture, frame, 0);
+    PlayableAvatar<float> p = playable_avatar(drawn, capture, frame, 0);
+    p.avatar.eyes.optics = {}; // views of one moment see highlights elsewhere
+    return p;
 }
 
 std::vector<Index> refined_coefficients(const Capture& capture, RefinedExpression which) {

@@ -93,7 +93,8 @@ FittedLandmarks fit_landmarks(TrainState& state, const Capture& capture) {
     return {rms, fit.regression.noise};
 }
 
-AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
+AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid,
+                        const FoundLights& lights) {
     const TrainConfig& config = state.config;
     const AvatarInit<float> init = avatar_init(state, grid);
     state.avatar = restricted<TrainEffects>(
@@ -112,6 +113,7 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
         t.adam = Adam<ComparedAvatar>(t.avatar);
         state.avatar = {};
     } else {
+        set_lights(state.avatar, lights);
         state.avatar_adam = Adam<Avatar>(state.avatar);
     }
     state.stage = Stage::avatar;
@@ -161,13 +163,21 @@ void require_drawable(const Gaussians<float>& g) {
 }
 
 /// Returns the driven Gaussians of the state's avatar.
-TwoStreamGaussians<float> driven(const TrainState& state, const Drivers<float>& drivers) {
+TwoStreamGaussians<float> driven(const TrainState& state,
+                                 const Drivers<float, TrainEffects>& drivers) {
     const AvatarConfig& config = state.config.avatar;
     const LandmarkRoles& roles = state.subject.roles;
-    if (state.compared) return driven_compared(state.compared->avatar, config, roles, drivers);
+    if (state.compared)
+        return driven_compared(state.compared->avatar, config, roles,
+                               restricted<PaperEffects>(drivers));
     TwoStreamTrace<float, TrainEffects> trace;
-    drive(train_backend(), state.avatar, {config, roles, restricted<TrainEffects>(drivers)}, trace);
+    drive(train_backend(), state.avatar, {config, roles, drivers}, trace);
     return trace;
+}
+/// Returns them as a camera sees them.
+TwoStreamGaussians<float> driven(const TrainState& state, const Drivers<float>& drivers,
+                                 const Pinhole<float>& camera) {
+    return driven(state, seen_from(restricted<TrainEffects>(drivers), camera));
 }
 
 } // namespace
@@ -177,7 +187,7 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
     const TrainConfig& config = state.config;
     const int factor = 1 << config.gaussians.upsampler.doublings;
     const Pinhole<float> small = reduced(camera, factor);
-    const TwoStreamGaussians<float> trace = driven(state, drivers);
+    const TwoStreamGaussians<float> trace = driven(state, drivers, small);
     require_drawable(trace.gaussians);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
     const TrainRasterizer rasterizer = train_rasterizer();
@@ -245,23 +255,32 @@ Image<float> eyes_area(const TrainState& state, TwoStreamGaussians<float>& shown
 
 PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
                      const Pinhole<float>& camera) {
-    TwoStreamGaussians<float> shown = driven(state, drivers);
+    TwoStreamGaussians<float> shown = driven(state, drivers, camera);
     return {posed_centres(state, drivers), eyes_area(state, shown, camera)};
 }
 
 ShownAvatar shown_avatar(const TrainState& state, const Drivers<float>& drivers,
                          const Pinhole<float>& camera) {
-    TwoStreamGaussians<float> shown = driven(state, drivers);
+    TwoStreamGaussians<float> shown = driven(state, drivers, camera);
     ShownAvatar r;
     r.picture = picture_of(state, shown.gaussians, camera);
     r.eyes = {posed_centres(state, drivers), eyes_area(state, shown, camera)};
     return r;
 }
 
-Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
+Gaussians<float> driven_gaussians(const TrainState& state,
+                                  const Drivers<float, TrainEffects>& drivers) {
     TwoStreamGaussians<float> shown = driven(state, drivers);
     require_drawable(shown.gaussians);
     return std::move(shown.gaussians);
+}
+
+Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
+    const auto plain = restricted<TrainEffects>(drivers);
+    if (state.avatar.eyes.optics.lights() == 0) return driven_gaussians(state, plain);
+    TrainState without = state;
+    without.avatar.eyes.optics = {};
+    return driven_gaussians(without, plain);
 }
 
 Image<float> rgb_of(const Image<float>& feature) {

@@ -12,6 +12,7 @@
 #include <rye/train/face_smoothness.hpp>
 #include <rye/train/thread_group.hpp>
 
+#include "training/lights.hpp"
 #include "training/run.hpp"
 
 namespace rye::trainer {
@@ -52,8 +53,10 @@ struct AvatarSize {
     Index face, eyes;
 };
 
-/// Turns the guidance mesh into an avatar and the state into one of stage 2, step 0.
-AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid);
+/// Turns the guidance mesh into an avatar with these lights, and the state into one of stage 2,
+/// step 0.
+AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid,
+                        const FoundLights& lights = {});
 
 /// Returns the neighbours of the face's Gaussians at the positions where stage 2 begins: the same
 /// for every state of that stage, as they are of the guidance mesh, which it keeps. Empty, and
@@ -141,6 +144,9 @@ ShownAvatar shown_avatar(const TrainState& state, const Drivers<float>& drivers,
 Image<float> of_camera(Image<float> picture, const Pinhole<float>& camera);
 
 /// Returns the driven Gaussians of both streams in the world, the face's first.
+Gaussians<float> driven_gaussians(const TrainState& state,
+                                  const Drivers<float, TrainEffects>& drivers);
+/// The same without highlights, which no camera sees.
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers);
 
 /// Returns the RGB of a feature render (its first three channels).

@@ -30,12 +30,12 @@ struct TalkVariant : AvatarVariant<Less<TrainEffects, PoseResidual>> {
 };
 /// Eyes that turn, and the skin around them. A cornea is part of the eyeballs and costs nothing.
 struct GazeVariant
-    : AvatarVariant<Effects<HeadPose, LeftGaze, RightGaze, Kappa, Periocular, CornealBulge,
+    : AvatarVariant<Effects<HeadPose, LeftGaze, RightGaze, Kappa, Periocular, CornealBulge, Glint,
                             HeadShading, EyesBy<DrivenFeatures>>> {
     static constexpr std::string_view name = "gaze";
 };
 /// A camera that moves around a head that does not.
-struct StillVariant : AvatarVariant<Effects<HeadPose, CornealBulge, HeadShading>> {
+struct StillVariant : AvatarVariant<Effects<HeadPose, CornealBulge, Glint, HeadShading>> {
     static constexpr std::string_view name = "still";
 };
 

@@ -26,9 +26,15 @@ EffectMask parsed(const std::string& wanted, const std::string& option) {
 EffectMask trained_effects(const TrainState& state) {
     EffectMask m = effect_mask<PaperEffects>;
     if (state.avatar.eyes.kappa.size() > 0) m.add(EffectName::kappa);
+    if (state.avatar.eyes.optics.lights() > 0) m.add(EffectName::glint);
     if (state.avatar.shading.any()) m.add(EffectName::head_shading);
     if (has_driven_eyes(state.avatar)) m.add(EffectName::eye_appearance);
     return m;
+}
+
+/// Returns a frame's drivers with its camera.
+SeenDrivers seen(const DrawnFrame& frame) {
+    return seen_from(restricted<TrainEffects>(frame.drivers), frame.camera);
 }
 
 } // namespace
@@ -58,7 +64,7 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
                     ": effects are left out only of a run whose avatar.gaze_mechanism is "
                     "'rotation'");
         variant_ = PaperVariant::name;
-        driver_ = [&state](const Drivers<float>& d) { return driven_gaussians(state, d); };
+        driver_ = [&state](const SeenDrivers& d) { return driven_gaussians(state, d); };
         explanation_ = "variant        " + variant_ +
                        ": all that is trained, as of every run with another gaze mechanism than "
                        "rotation\n";
@@ -93,7 +99,7 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
     dispatch(AvatarVariants(), taken, [&]<class V>(V) {
         variant_ = V::name;
         driver_ = driver_of<typename V::List>(state.avatar, state.config.avatar,
-                                              state.subject.roles, frames.front().drivers);
+                                              state.subject.roles, seen(frames.front()));
         const EffectMask drawn = trained.without(trained.without(V::effects));
         explanation_ = "variant        " + variant_ + " (" + text_of(drawn) + "): ";
         if (single)
@@ -115,11 +121,11 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
 
 Image<float> FrameDrawer::picture(const DrawnFrame& frame) const {
     if (on_device_) return on_device_->picture(frame.drivers, frame.camera);
-    return picture_of(*state_, driver_(frame.drivers), frame.camera);
+    return picture_of(*state_, driver_(seen(frame)), frame.camera);
 }
 
 Image<float> FrameDrawer::picture_by_all(const DrawnFrame& frame) const {
-    return picture_of(*state_, driven_gaussians(*state_, frame.drivers), frame.camera);
+    return picture_of(*state_, driven_gaussians(*state_, seen(frame)), frame.camera);
 }
 
 } // namespace rye::trainer

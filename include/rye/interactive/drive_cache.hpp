@@ -17,7 +17,7 @@
 /// Features that an avatar lacks (driven features of the eyes, light by the head's rotation,
 /// highlights, any effect that its list does not name) are not computed.
 /// Memory: the rest pose; the outputs of each network; the driven Gaussians in the head and in the
-/// world; the light's gains.
+/// world; the light's gains; the eyes' colours before their highlights.
 #pragma once
 
 #include <functional>
@@ -27,24 +27,10 @@
 #include <rye/avatar/rest_pose.hpp>
 #include <rye/avatar/two_stream.hpp>
 #include <rye/core/bits.hpp>
+#include <rye/interactive/drive_work.hpp>
+#include <rye/interactive/kept_highlights.hpp>
 
 namespace rye {
-
-/// Effects whose Gaussians depend only on what a cache compares: expression, head pose, gaze, and
-/// for Glint the camera. CornealRefraction moves Gaussians with each view; the inputs of a user's
-/// own effects are not known.
-template <class E>
-concept KeptFromFrameToFrame = EffectSet<E> && !has_effect<E, CornealRefraction> &&
-    !has_own_effects<E>;
-
-/// Work of the last update.
-struct DriveWork {
-    Index networks = 0;   ///< evaluated; driven features of an eye count as one
-    Index points = 0;     ///< evaluated, summed over networks
-    Index summed = 0;     ///< points of the face summed
-    Index eyes = 0;       ///< eyeballs transformed
-    Index lit = 0;        ///< gains of the light computed
-};
 
 /// Cache of an avatar's driven Gaussians, which recomputes only those that changed drivers move.
 template <Backend B, Real T, EffectSet E = PaperEffects>
@@ -101,7 +87,7 @@ class DriveCache {
 
     /// Returns the size of all cached data [bytes].
     std::size_t bytes() const {
-        Index numbers = attributes_.size() + gain_.size(), indices = 0;
+        Index numbers = attributes_.size() + gain_.size() + highlights_.size(), indices = 0;
         const auto add = [&](const std::string&, const Columns<T>& a) { numbers += a.size(); };
         Gaussians<T>::fields(add, face_);
         Gaussians<T>::fields(add, world_);
@@ -123,6 +109,7 @@ class DriveCache {
 
   private:
     static constexpr bool has_attributes = has_effect<E, ReadsFaceRamp>;
+    using Highlights = KeptHighlights<T, E>;
 
     /// Squashed outputs of one driver's networks, a column per influenced point.
     struct Outputs {
@@ -157,7 +144,7 @@ class DriveCache {
         });
         if constexpr (has_effect<E, HeadPose>) c.scale = !same_bits(d.scale, last_->scale);
         if constexpr (has_effect<E, Glint>)
-            c.view = has_highlights() && !same_bits(d.camera, last_->camera);
+            c.view = Highlights::any(avatar_->eyes) && !same_bits(d.camera, last_->camera);
         return c;
     }
 
@@ -166,11 +153,6 @@ class DriveCache {
             return avatar_->shading.any();
         else
             return false;
-    }
-
-    bool has_highlights() const {
-        if constexpr (has_effect<E, Glint>) return avatar_->eyes.optics.lights() > 0;
-        return false;
     }
 
     /// Computes the parts that depend on no driver.
@@ -334,58 +316,51 @@ class DriveCache {
             ++work_.eyes;
         });
         const std::array<bool, 2> coloured = write_eye_features(c, drivers, moved);
-        for_eyes([&]<std::size_t eye>() {
-            constexpr Index e = static_cast<Index>(eye);
-            const Index first = eyes.first_point(e), n = eyes.points_of(e);
+        for (std::size_t eye = 0; eye < 2; ++eye) {
+            const Index e = static_cast<Index>(eye), first = rest_->count + eyes.first_point(e);
             if (moved[eye] || coloured[eye])
-                for (Index i = 0; i < n; ++i) changed_.push_back(rest_->count + first + i);
-        });
+                for (Index i = 0; i < eyes.points_of(e); ++i) changed_.push_back(first + i);
+        }
     }
 
     /// Writes the features of eyes whose drivers, light or highlights changed; returns those eyes.
     std::array<bool, 2> write_eye_features(const Changes& c, const OpticalDrivers<T, E>& drivers,
-                                           [[maybe_unused]] const std::array<bool, 2>& moved) {
+                                           const std::array<bool, 2>& moved) {
         const EyeStream<T, E>& eyes = avatar_->eyes;
-        std::array<bool, 2> which{}, driven{};
+        const bool shines = Highlights::any(eyes);
+        std::array<bool, 2> which{}, written{}, driven{};
         for (std::size_t eye = 0; eye < 2; ++eye) {
-            const bool gaze = c.driver[2 + eye];
+            const bool gaze = c.driver[2 + eye], relit = shines && (c.view || moved[eye]);
             driven[eye] = drives_features<EyeAppearanceOf<E>>(eyes.appearance(), eye);
-            which[eye] = c.first || c.light || (driven[eye] && (c.attributes() || gaze)) ||
-                         (GazeMechanismOf<E>::changes_features && gaze) ||
-                         (has_highlights() && (c.view || moved[eye]));
+            written[eye] = c.first || (c.light && !shines) ||
+                           (driven[eye] && (c.attributes() || gaze)) ||
+                           (GazeMechanismOf<E>::changes_features && gaze);
+            which[eye] = written[eye] || c.light || relit;
         }
         if constexpr (!eyes_apart<E>)
-            if (which[0] || which[1] ||
+            if (written[0] || written[1] ||
                 ((driven[0] || driven[1]) && (c.driver[2] || c.driver[3])))
-                which = {true, true};
-        if (!which[0] && !which[1]) return which;
-        eye_features(backend_, eyes, {*config_, drivers, code_}, which, rest_->count, world_);
+                which = written = {true, true};
+        if (written[0] || written[1])
+            eye_features(backend_, eyes, {*config_, drivers, code_}, written, rest_->count, world_);
         for (Index eye = 0; eye < 2; ++eye) {
             const std::size_t e = static_cast<std::size_t>(eye);
             if (!which[e]) continue;
-            const Index begin = rest_->count + eyes.first_point(eye), n = eyes.points_of(eye);
-            if constexpr (has_effect<E, Glint>) highlight(drivers, e);
+            const Index first = eyes.first_point(eye), begin = rest_->count + first,
+                        n = eyes.points_of(eye);
+            if constexpr (has_effect<E, Glint>)
+                highlights_.add(backend_, eyes,
+                                {e, drivers.drivers.camera, placed_[e],
+                                 eyes.position.data() + 3 * first, n},
+                                written[e], world_.feature, rest_->count);
             if (has_light())
                 for (Index i = begin; i < begin + n; ++i)
                     shade_point(gain_, rest_->count + eye, world_.feature, i);
-            if (!driven[e]) continue;
+            if (!driven[e] || !written[e]) continue;
             ++work_.networks;
             work_.points += n;
         }
         return which;
-    }
-
-    /// Adds an eye's highlights, if the avatar has lights.
-    void highlight(const OpticalDrivers<T, E>& drivers, std::size_t eye) {
-        const EyeStream<T, E>& eyes = avatar_->eyes;
-        if (!has_highlights()) return;
-        const Index e = static_cast<Index>(eye), first = eyes.first_point(e);
-        const Index channels = world_.feature.rows();
-        OpticsTrace<T, E> trace;
-        look_into_eye(backend_, eyes.optics,
-                      {eye, drivers.drivers.camera, placed_[eye],
-                       eyes.position.data() + 3 * first, eyes.points_of(e)},
-                      trace, channels, world_.feature.data() + channels * (rest_->count + first));
     }
 
     /// Returns the points that a set of drivers influences; computed once per set.
@@ -411,6 +386,7 @@ class DriveCache {
     Columns<T> gain_;           ///< of the light, 3 x (N + 2)
     Columns<T> centre_;         ///< of the eyes in the head frame, 3 x 2
     std::array<EyeTransform<T>, 2> placed_;
+    Highlights highlights_;
     Gaussians<T> face_;         ///< head frame
     Gaussians<T> world_, part_;
     std::vector<Index> changed_;

@@ -84,6 +84,8 @@ struct AvatarRates {
     double delta_view = 0;      ///< of each camera's pose, if an avatar has them
     int delta_view_from = 0;    ///< steps before those move: the head is found first [steps]
     double shading = 1e-3;      ///< for avatars with HeadShading: light and normals
+    double light_intensity = 1e-3; ///< of highlights, for avatars with lights
+    double light_position = 0;  ///< of the lights, in world units; 0 keeps them where they are
     double deform = 1e-4;       ///< displacement networks of the face
 
     /// Returns the number of the optimiser's steps in which a parameter rests at first.
@@ -101,6 +103,8 @@ struct AvatarRates {
         if (name.starts_with("eyes.eye_offset_mlp.")) return eye_offset;
         if (name == "eyes.kappa") return kappa;
         if (name.starts_with("shading.")) return shading;
+        if (name == "eyes.light_intensity") return light_intensity;
+        if (name == "eyes.light_position") return light_position;
         if (name.find("_deform") != std::string::npos) return deform;
         const std::string last = name.substr(name.rfind('.') + 1);
         if (last == "xyz") return position;

@@ -148,9 +148,8 @@ struct HighlightsVjpKernel {
 };
 
 /// Highlights of an avatar's eyes on a device. `of` and `to` give where arrays of the host's
-/// avatar, and their gradients, lie in device memory.
+/// avatar, and their gradients, lie in device memory. E has Glint.
 template <EffectSet E, class Device>
-    requires has_effect<E, Glint>
 class DeviceHighlights {
   public:
     DeviceHighlights(const Device& device, const EyeOptics<float, E>& host)
