@@ -106,7 +106,7 @@ struct Driven {
         if constexpr (has_effect<E, Glint>) {
             e.optics.light_position = noise(3, 2, 2, 6, 18);
             e.optics.light_intensity = noise(3, 2, 0.2, 0.5, 19);
-            e.optics.light_width = noise(1, 2, 0, 0.01, 20);
+            e.optics.light_width = noise(1, 2, 0, 0.2, 20);
         }
         if constexpr (has_effect<E, ReadsExpression>)
             drivers.expression = noise(config.expression, 1, 1, 0, 16).col(0);

@@ -587,7 +587,7 @@ struct SsimWindow {
 
 struct Corneas {
     static constexpr const char* name = "cornea";
-    static constexpr int inputs = 3 * 4 + 1, outputs = 3 + 6 + 5 + 6 + 1 + 3 + 4 + 3;
+    static constexpr int inputs = 3 * 4 + 1, outputs = 3 + 6 + 4 + 6 + 1;
     static constexpr double ulps = 1024;
     static constexpr double apart = 0.01;    // at the cornea's rim, and where Newton's method stops
 
@@ -602,21 +602,15 @@ struct Corneas {
         const Vec3<S> light(in.number(-4, 4), in.number(-4, 4), in.number(4, 9));
         const Vec3<S> point(in.number(-0.04, 0.04), in.number(-0.04, 0.04), in.number(0.09, 0.1));
         const Vec3<S> g = in.template vector<3>();
-        const S index = in.number(1.2, 1.4), width = constant<S>(0.02);
+        const S index = in.number(1.2, 1.4), width = constant<S>(0.3);
         Vec3<S> g_camera = zero;
         const RefractingCornea<S> refracting{cornea, index};
         out(seen_through(refracting, camera, point));
         out(seen_through_vjp(refracting, camera, point, g, g_camera), g_camera);
-        const GlintView<S> view{camera, light, width};
-        const MirrorImage<S> m = mirror_image(cornea, view);
-        GlintGradient<S> gradient{{g, S(1), true}, g_camera, zero};
-        out(m.at, m.strength, m.seen);
-        mirror_image_vjp(cornea, view, m, gradient);
-        out(gradient.camera, gradient.light);
-        const MirrorImage<S> bright{m.at, S(1), true};
-        const S value = glint_at(bright, view, point);
-        out(value, glint_at_vjp(bright, view, point, value, gradient));
-        out(gradient.image.at, gradient.image.strength, gradient.camera);
+        const Mirrored<S> m = mirrored(cornea, camera, point);
+        out(m.to, m.strength);
+        out(mirrored_vjp(cornea, camera, point, Mirrored<S>{g, S(1)}, g_camera), g_camera);
+        out(light_lobe(m.to, normalized(light), width));
         return {in.at, out.at};
     }
 };

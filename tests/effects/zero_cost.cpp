@@ -180,6 +180,7 @@ struct HandTrace {
 #endif
     Quat<T> left_turn, right_turn;
     std::array<Columns<T>, 2> seen;
+    std::array<std::vector<SeenLight<T>>, 2> lights;
     std::array<EyeTransform<T>, 2> placed;
     Columns<T> scale;
 #if !WITHOUT_HEAD_SHADING
@@ -310,19 +311,27 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
                 seen_through<T>(refracting, camera, point(from, i));
 #endif
 #if !WITHOUT_GLINT
+        std::vector<SeenLight<T>>& lights = t.lights[at];
+        lights.clear();
         for (Index l = 0; l < eyes.light_width.cols(); ++l) {
-            const GlintView<T> view{camera, into_eye<T>(eye, eyes.light_position.col(l)),
-                                    eyes.light_width(0, l)};
-            const MirrorImage<T> image = mirror_image(cornea, view);
-            if (!image.seen) continue;
-            const Index channels = eyes.light_intensity.rows(), stride = g.feature.rows();
-            const T* const intensity = eyes.light_intensity.data() + l * channels;
-            T* colour = g.feature.data() + (begin + first) * stride;
-            for (Index i = 0; i < n; ++i, colour += stride) {
-                const Vec3<T> x = point(from, i);
-                if (!(dot(x, cornea.axis) > T(0))) continue;
-                const T value = glint_at<T>(image, view, point(to, i));
-                for (Index c = 0; c < channels; ++c) colour[c] += intensity[c] * value;
+            SeenLight<T> light;
+            light.camera = camera;
+            light.from_cornea = into_eye<T>(eye, eyes.light_position.col(l)) - cornea.centre;
+            light.to = normalized(light.from_cornea);
+            light.width = eyes.light_width(0, l);
+            lights.push_back(light);
+        }
+        const Index stride = g.feature.rows();
+        T* colour = g.feature.data() + (begin + first) * stride;
+        for (Index i = 0; i < n; ++i, colour += stride) {
+            if (!(dot(Vec3<T>(point(from, i)), cornea.axis) > T(0))) continue;
+            const Mirrored<T> mirror = mirrored<T>(cornea, camera, point(to, i));
+            if (!(mirror.strength > T(0))) continue;
+            for (std::size_t l = 0; l < lights.size(); ++l) {
+                const T value =
+                    mirror.strength * light_lobe(mirror.to, lights[l].to, lights[l].width);
+                for (Index c = 0; c < light_channels; ++c)
+                    colour[c] += eyes.light_intensity(c, Index(l)) * value;
             }
         }
 #endif

@@ -41,8 +41,10 @@ EffectMask called(const SceneFacts& s) { return profile(s, {}).effects; }
 TEST_CASE("scene profile: refraction by a wide iris or from aside, glint by a light and an iris") {
     SceneFacts s = still_head();
     s.drivers->lights = 2;
-    s.drivers->eyes[1].iris = 25;
-    CHECK(called(s) == EffectMask{corneal_bulge});
+    s.drivers->eyes[1].iris = 11;
+    CHECK(called(s) == EffectMask{});
+    s.drivers->eyes[1].iris = 13;
+    CHECK(called(s) == EffectMask{glint});
     s.drivers->eyes[1].iris = 31;
     CHECK(called(s) == EffectMask{corneal_bulge, glint});
     s.drivers->eyes[1].iris = 61;

@@ -115,72 +115,82 @@ TEST_CASE("refraction: its vjp is the transpose of its duals, on the axis and at
     CHECK(rim < 1e-9);
 }
 
-TEST_CASE("glint: strongest at Alhazen's point, nothing beyond the limbus or behind the eye") {
+TEST_CASE("highlight: what the cornea mirrors is what a mirror of a sphere does, and it fades") {
     const Cornea<double> c = cornea();
-    const V camera(0.5, 0.2, 10);
-    const GlintView<double> view{camera, V(-3, 4, 9), 0.01};
-    const MirrorImage<double> m = mirror_image(c, view);
-    CHECK(m.seen);
+    const V camera(0.5, 0.2, 10), point(0.02, 0.01, 0.1);
+    const Mirrored<double> m = mirrored(c, camera, point);
     CHECK(m.strength == 1);
-    CHECK(glint_at(m, view, m.at) == 1);
-    const V aside = m.at + V(0, 0.01, 0);
-    CHECK(glint_at(m, view, aside) < 0.9);
+    CHECK(m.to.norm() == doctest::Approx(1).epsilon(1e-13));
+    // The same path by Fermat's principle, with a light far along that direction.
+    const V q = sphere_path(V(camera - c.centre), V(1e7 * m.to), {c.radius, 1.0}).at;
+    const V ray = (q + c.centre - camera).normalized();
+    CHECK(cross(ray, V((point - camera).normalized())).norm() < 1e-8);
     // Constant along the camera's ray.
-    const V deeper = m.at + 0.03 * (m.at - camera).normalized();
-    CHECK(glint_at(m, view, deeper) == doctest::Approx(1).epsilon(1e-12));
-    CHECK_FALSE(mirror_image(c, {camera, V(0, 0, -9), 0.01}).seen);
-    CHECK_FALSE(mirror_image(c, {V(0, 1, -5), V(0, -1, -5), 0.01}).seen);  // off the cap
-    CHECK_FALSE(mirror_image(c, {camera, V(0, 0, 0.06), 0.01}).seen);      // a light in the eye
+    const V deeper = point + 0.03 * (point - camera).normalized();
+    CHECK((mirrored(c, camera, deeper).to - m.to).norm() < 1e-12);
+    // In float from 100 units away as in double.
+    const Cornea<float> narrow = lifted<float>(c);
+    const V far(30, 10, 95);
+    const auto near = mirrored(narrow, Vec3<float>(far.cast<float>()),
+                               Vec3<float>(point.cast<float>()));
+    CHECK((near.to.cast<double>() - mirrored(c, far, point).to).norm() < 2e-6);
+    CHECK(mirrored(c, V(0, 0, 0.06), point).strength == 0);          // a camera in the eye
+    CHECK(mirrored(c, camera, V(0.11, 0, 0.02)).strength == 0);      // a ray beside the cornea
+    CHECK(mirrored(c, V(0, 5, -8), V(0, 0.07, 0.08)).strength == 0); // off the cap
     double last = 1, step = 0;
-    for (double a = 0; a < 2.6; a += 0.002) {  // it fades without a jump
-        const V light(9 * std::sin(a), 0, 9 * std::cos(a));
-        const double now = mirror_image(c, {camera, light, 0.01}).strength;
+    for (double x = 0; x < 0.09; x += 1e-4) { // without a jump
+        const double now = mirrored(c, camera, V(x, 0, 0.1)).strength;
         step = std::max(step, std::abs(now - last));
         last = now;
     }
     CHECK(last == 0);
-    CHECK(step < 0.05);
+    CHECK(step < 0.03);
+    const V light = V(-0.3, 0.4, 0.9).normalized();
+    CHECK(light_lobe(light, light, 0.1) == 1);
+    const V aside = (light + 0.1 * V(0.9, 0, 0.3).normalized()).normalized();
+    const double angle = std::acos(aside.dot(light));
+    CHECK(light_lobe(aside, light, 0.1) ==
+          doctest::Approx(std::exp(-angle * angle / 0.02)).epsilon(1e-3));
 }
 
-TEST_CASE("glint: its vjp is the transpose of its duals, in full light and where it fades") {
+TEST_CASE("highlight: its vjp is the transpose of its duals, in the middle and where it fades") {
     const Cornea<double> c = cornea();
     const Random random{6, 0};
     std::uint64_t k = 0;
     double worst = 0;
     int seen = 0, fading = 0;
-    for (int trial = 0; trial < 1500; ++trial) {
+    for (int trial = 0; trial < 3000; ++trial) {
         const auto draw = [&] { return random.normal(k++); };
         V camera = V(draw(), draw(), 1 + std::abs(draw())).normalized();
         camera *= std::exp(1 + draw());
-        V light = V(2 * draw(), 2 * draw(), 1 + draw()).normalized() * std::exp(1 + draw());
-        if (trial % 9 == 0) light = camera * 1.5;
-        const double width = 0.02;
-        const GlintView<double> view{camera, light, width};
-        const MirrorImage<double> m = mirror_image(c, view);
-        if (!m.seen) continue;
+        const V point(0.05 * draw(), 0.05 * draw(), 0.1 + 0.01 * draw());
+        const V light = V(draw(), draw(), 1 + draw()).normalized();
+        const Mirrored<double> m = mirrored(c, camera, point);
+        if (!(m.strength > 0)) continue;
         ++seen;
         fading += m.strength < 1 ? 1 : 0;
-        const V point = m.at + 0.02 * V(draw(), draw(), draw());
         const auto f = [&](const auto& x) {
             using T = typename std::decay_t<decltype(x)>::Scalar;
-            const GlintView<T> lit{Vec3<T>(x.col(0)), Vec3<T>(x.col(1)), T(width)};
-            const auto image = mirror_image(lifted<T>(c), lit);
+            const Mirrored<T> n =
+                mirrored(lifted<T>(c), Vec3<T>(x.col(0)), Vec3<T>(x.col(1)));
             Columns<T> y(1, 1);
-            y(0, 0) = glint_at(image, lit, Vec3<T>(point.cast<T>()));
+            y(0, 0) = n.strength * light_lobe(n.to, Vec3<T>(light.template cast<T>()), T(0.7));
             return y;
         };
         const auto vjp = [&](const Columns<double>& g) {
-            GlintGradient<double> gradient{{V::Zero(), 0, true}, V::Zero(), V::Zero()};
-            glint_at_vjp(m, view, point, g(0, 0) * glint_at(m, view, point), gradient);
-            mirror_image_vjp(c, view, m, gradient);
+            const double lobe = light_lobe(m.to, light, 0.7);
+            V g_camera = V::Zero();
+            const V g_point = mirrored_vjp<double>(
+                c, camera, point,
+                {V(g(0, 0) * m.strength * lobe / (0.7 * 0.7) * light), g(0, 0) * lobe}, g_camera);
             Columns<double> r(3, 2);
-            r << gradient.camera, gradient.light;
+            r << g_camera, g_point;
             return r;
         };
-        worst = std::max(worst, gap(f, vjp, camera, light, std::uint64_t(trial), 1));
+        worst = std::max(worst, gap(f, vjp, camera, point, std::uint64_t(trial), 1));
     }
     MESSAGE("seen " << seen << ", fading " << fading << ": " << worst);
-    CHECK(seen > 300);
-    CHECK(fading > 20);
+    CHECK(seen > 500);
+    CHECK(fading > 100);
     CHECK(worst < 1e-9);
 }

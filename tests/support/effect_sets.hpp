@@ -34,7 +34,7 @@ void set_tiny_lights(EyeOptics<T, E>& o) {
     resize_lights(o, 2);
     o.light_position << 1, -2, 3, 1, 7, 5;
     o.light_intensity << T(0.9), T(0.3), T(0.7), T(0.5), T(0.4), T(0.8);
-    o.light_width << T(0.05), T(0.08);
+    o.light_width << T(0.5), T(0.8);
 }
 
 /// An avatar of the gaze mechanism, the eye appearance and the shading of E, none of them neutral.

@@ -89,8 +89,17 @@ void print_gaze(const std::vector<Row>& rows, GazeTable ViewResult::*table) {
                 all.eyes_visible - photograph.found, all.eyes_visible);
 }
 
+void print_reflections(const Json& r) {
+    if (r.at("correlation").is_null()) return;
+    std::printf("\nWhat the corneas mirror, over %d directions: photographs vary by %.4f, renders by "
+                "%.4f, their\ncorrelation is %.3f.\n",
+                r.at("directions").get<int>(), r.at("photographs").get<double>(),
+                r.at("renders").get<double>(), r.at("correlation").get<double>());
+}
+
 void print_tables(const std::vector<Row>& rows) {
     print_quality(rows);
+    print_reflections(rows.front().second.reflections.json());
     std::printf("\nGaze [deg]; the estimator is given the capture's eyeballs and eye masks:\n");
     print_gaze(rows, &ViewResult::measured);
     std::printf("\nGaze [deg]; the estimator is given no label, but the run's own eyeballs:\n");

@@ -24,6 +24,7 @@
 #include "training/cameras.hpp"
 #include "training/device.hpp"
 #include "training/labels.hpp"
+#include "training/lights.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -145,6 +146,12 @@ LabelFindings judged_labels(Capture& capture, const Verdict& verdict, CameraFind
     return found;
 }
 
+/// Returns the lights that a capture's eyes show; none of one that cannot be trained on.
+FoundLights lights_of(const Capture& capture) {
+    if (capture.train.empty() || !capture.has_gaze()) return {};
+    return find_lights(capture, describe_subject(capture, preset("cpu")));
+}
+
 } // namespace
 
 std::string describe(const Capture& c) {
@@ -224,6 +231,8 @@ void add_info(CLI::App& app) {
                 judged_labels(capture, judge(capture, problems), cameras);
             json["camera_findings"] = cameras.empty() ? nlohmann::ordered_json() : cameras.json();
             json["label_findings"] = labels.empty() ? nlohmann::ordered_json() : labels.json();
+            json["lights"] =
+                json.at("errors").empty() ? lights_of(capture).json() : nlohmann::ordered_json();
             json["device"] = nullptr;
             if (const auto device = find_device().found)
                 json["device"] = {
@@ -242,6 +251,9 @@ void add_info(CLI::App& app) {
         const LabelFindings labels = judged_labels(capture, verdict, cameras);
         for (const std::string& words : cameras.lines()) std::cout << line("calibration", words);
         for (const std::string& words : labels.lines()) std::cout << line("labels", words);
+        if (verdict.errors == 0)
+            for (const std::string& words : lights_of(capture).lines())
+                std::cout << line("lights", words);
         for (const std::string& words : verdict.expect) std::cout << "warning: " << words << "\n";
         std::cout << line("verdict", verdict.text());
         if (verdict.errors > 0) throw CLI::RuntimeError(1);

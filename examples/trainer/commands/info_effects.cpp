@@ -240,6 +240,7 @@ Explanation explain_capture(const EffectsOptions& o, const ProfileBounds& bounds
     if (state && state->avatar.eyes.kappa.size() > 0)
         facts.drivers->kappa =
             static_cast<double>(state->avatar.eyes.kappa.colwise().norm().maxCoeff());
+    if (state) facts.drivers->lights = static_cast<int>(state->avatar.eyes.optics.lights());
     RenderFacts render;
     render.size = render.wanted = {double(c.width), double(c.height)};
     if (state) {

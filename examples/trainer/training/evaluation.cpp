@@ -10,6 +10,7 @@
 #include "data/degrees.hpp"
 #include "data/panel.hpp"
 #include "data/threads.hpp"
+#include "training/lights.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -177,6 +178,7 @@ void ViewResult::add(const ViewResult& v) {
     lpips.add(v.lpips);
     eyes_in_view += v.eyes_in_view, eyes_visible += v.eyes_visible;
     measured.add(v.measured), own.add(v.own);
+    reflections.add(v.reflections);
 }
 Json ViewResult::json() const {
     return {{"head", head.json()},
@@ -187,7 +189,8 @@ Json ViewResult::json() const {
             {"eyes_in_view", eyes_in_view},
             {"eyes_visible", eyes_visible},
             {"gaze", measured.json()},
-            {"gaze_without_labels", own.json()}};
+            {"gaze_without_labels", own.json()},
+            {"reflections", reflections.json()}};
 }
 
 EyesOfView Evaluation::labelled_eyes(int frame, Image<float> mask) const {
@@ -309,6 +312,13 @@ Evaluation::Measured Evaluation::measured(const MeasuredView& v, Renders shown) 
         };
         fill([&](const Render&) -> const EyesOfView& { return labelled; }, r.measured);
         fill([](const Render& s) -> const EyesOfView& { return s.own; }, r.own);
+        const CorneaInPicture cornea = cornea_in_picture(f, view, state_.subject, e,
+                                                         usual_cornea(state_.subject, e));
+        const Columns<float> area = area_of(labelled, e);
+        const int eye = static_cast<int>(e);
+        add_mirrored_pixels(truth, area, cornea, eye, eye, r.reflections.photograph);
+        add_mirrored_pixels(image, area, cornea, eye, eye, r.reflections.render);
+        r.reflections.pictures = 2;
     }
     if (v.pictured) m.picture = side_by_side({truth, image, shown.rest.image});
     return m;

@@ -19,6 +19,7 @@
 
 #include "training/drawing.hpp"
 #include "training/gaze_estimator.hpp"
+#include "training/reflections.hpp"
 
 namespace rye::trainer {
 
@@ -88,6 +89,7 @@ struct ViewResult {
     /// the frame's drivers, and the pixels of its own eyeball Gaussians. Uses no label of the frame
     /// except its drivers.
     GazeTable own;
+    Reflections reflections; ///< what the corneas mirror
     void add(const ViewResult& v);
     nlohmann::ordered_json json() const;
 };

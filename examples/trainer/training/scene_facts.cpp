@@ -11,6 +11,7 @@ namespace rye::trainer {
 
 DriverFacts driver_facts(const TrainState& state, const std::vector<DrawnFrame>& frames) {
     DriverFacts d;
+    d.lights = static_cast<int>(state.avatar.eyes.optics.lights());
     const auto gaze = [](const DrawnFrame& f, std::size_t e) {
         return Vec3<double>(f.drivers.gaze[e].cast<double>());
     };

@@ -171,7 +171,7 @@ struct ProfileBounds {
     double eye_radius = 0.12;            ///< radius that turns an eye's rotation into a motion
     double gaze = 1e-3;                  ///< for the skin around the eye [rad]
     double bulge = 20;                   ///< iris above which the cornea's shape is visible [px]
-    double glint = 30;                   ///< ... a light's mirror image is visible [px]
+    double glint = 12;                   ///< ... a light's mirror image is visible [px]
     double refraction = 60;              ///< ... refraction by the cornea is visible [px]
     double grazing = 1.0471975511965976; ///< angle of a view that always shows refraction [rad]
     double pixel = 1;                    ///< deviation of a splat below which it is too thin [px]
@@ -256,20 +256,18 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
         const double iris = std::max(d.eyes[0].iris, d.eyes[1].iris);
         const double aside = std::max(d.eyes[0].aside, d.eyes[1].aside);
         compare(corneal_bulge, iris, b.bulge, "the widest iris has, in px,");
-        if (avatar && !a.corneas) {
-            for (const EffectName e : {corneal_refraction, glint})
-                say(e, false, "the avatar has no irises behind corneas");
-        } else {
-            if (aside > b.grazing)
-                compare(corneal_refraction, aside, b.grazing, "an eye is seen from aside by [rad]");
-            else
-                compare(corneal_refraction, iris, b.refraction, "the widest iris has, in px,");
-            if (d.lights == 0)
-                say(glint, false, "no light's place is known");
-            else
-                compare(glint, iris, b.glint,
-                        std::to_string(d.lights) + " lights; the widest iris has, in px,");
-        }
+        if (avatar && !a.corneas)
+            say(corneal_refraction, false, "the avatar has no irises behind corneas");
+        else if (aside > b.grazing)
+            compare(corneal_refraction, aside, b.grazing, "an eye is seen from aside by [rad]");
+        else
+            compare(corneal_refraction, iris, b.refraction, "the widest iris has, in px,");
+        if (d.lights == 0)
+            say(glint, false, "no light's place is known");
+        else
+            compare(glint, iris, b.glint,
+                    std::to_string(d.lights) + (d.lights == 1 ? " light" : " lights") +
+                        "; the widest iris has, in px,");
         if (a.shaded)
             compare(head_shading, d.pose.width(), b.coefficient, "the pose varies" + over);
         else

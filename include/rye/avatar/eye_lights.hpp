@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/avatar/eye_lights.hpp: the highlights of an eye, light by light and point by point: what a
-/// camera sees of each light in the cornea (rig/cornea.hpp), what that adds to the colours of the
+/// rye/avatar/eye_lights.hpp: the highlights of an eye, point by point: what the cornea
+/// (rig/cornea.hpp) mirrors of each light to the camera, what that adds to the colours of the
 /// eyeball's Gaussians, and back. Functions of a point run on the host (backend/each.hpp) and on a
 /// device (backend/cuda/each.hpp).
 /// Frames: lights and camera in the world; points in the eyeball's frame, canonical units.
@@ -31,26 +31,29 @@ struct LightArrays {
     const T* cornea;    ///< 8 x 2
     const T* position;  ///< world, 3 x L
     const T* intensity; ///< light_channels x L
-    const T* width;     ///< 1 x L [unit]
+    const T* width;     ///< 1 x L [rad]
     Index count;        ///< L
 };
 
-/// A light as a frame's camera sees it in a cornea; in the eyeball's frame.
+/// A light before an eye, and the camera; in the eyeball's frame.
 template <class T>
 struct SeenLight {
-    GlintView<T> view;
-    MirrorImage<T> image;
+    Vec3<T> camera;
+    Vec3<T> from_cornea; ///< the light, from the cornea's centre
+    Vec3<T> to;          ///< the same of unit length
+    T width;             ///< [rad]
 };
 
-/// Returns light l as the camera, a point of the world, sees it in an eye.
+/// Returns light l before an eye; `camera` is a point of the world.
 template <Scalar T>
 RYE_HD SeenLight<T> see_light(const LightArrays<T>& lights, int eye, Index l,
                               const EyeTransform<T>& placed, const Vec3<T>& camera) {
     SeenLight<T> seen;
-    seen.view.camera = into_eye(placed, camera);
-    seen.view.light = into_eye(placed, column3(lights.position, l));
-    seen.view.width = lights.width[l];
-    seen.image = mirror_image(cornea_in(lights.cornea, eye), seen.view);
+    seen.camera = into_eye(placed, camera);
+    seen.from_cornea =
+        into_eye(placed, column3(lights.position, l)) - cornea_in(lights.cornea, eye).centre;
+    seen.to = normalized(seen.from_cornea);
+    seen.width = lights.width[l];
     return seen;
 }
 
@@ -59,16 +62,18 @@ template <class T>
 struct LitPoints {
     const T* position; ///< in the eyeball's frame, 3 x P
     const T* seen;     ///< the same as they are seen through the cornea, 3 x P
-    const T* axis;     ///< of the cornea, 3
+    const T* cornea;   ///< that eye's, cornea_numbers
 
-    /// True if point i lies on the eyeball's front.
-    RYE_HD bool in_front(Index i) const {
-        return dot(column3(position, i), column3(axis, 0)) > T(0);
+    /// Returns what the cornea mirrors at point i; nothing on the eyeball's back.
+    RYE_HD Mirrored<T> at(Index i, const Vec3<T>& camera) const {
+        const Cornea<T> c = cornea_in(cornea, 0);
+        if (!(dot(column3(position, i), c.axis) > T(0))) return {Vec3<T>(T(0), T(0), T(0)), T(0)};
+        return mirrored(c, camera, column3(seen, i));
     }
 };
 
-/// Adds the images of an eye's lights to the first channels of point i. Arrays begin at that eye's
-/// first point.
+/// Adds the highlights of an eye's lights to the first channels of point i. Arrays begin at that
+/// eye's first point.
 template <class T>
 struct LightEyePoint {
     static constexpr const char* name = "eyes, highlights";
@@ -79,25 +84,24 @@ struct LightEyePoint {
     T* feature;                 ///< channels x P
 
     RYE_HD void operator()(Index i) const {
-        if (!points.in_front(i)) return;
+        const Mirrored<T> mirror = points.at(i, lights->camera);
+        if (!(mirror.strength > T(0))) return;
         T* const colour = feature + channels * i;
-        const Vec3<T> at = column3(points.seen, i);
         for (Index l = 0; l < count; ++l) {
-            if (!lights[l].image.seen) continue;
-            const T value = glint_at(lights[l].image, lights[l].view, at);
+            const T value = mirror.strength * light_lobe(mirror.to, lights[l].to, lights[l].width);
             for (int c = 0; c < light_channels; ++c)
                 colour[c] += intensity[light_channels * l + c] * value;
         }
     }
 };
 
-/// Adds what point i of an eye gives to the gradient of one light: sums of the cotangents of the
-/// image's point (3) and strength (1), of the camera (3) and of the intensity.
+/// Adds what point i of an eye gives to the gradient of one light: sums of the cotangents of its
+/// direction (3), of the camera (3) and of its intensity.
 template <class T>
 struct LightEyePointVjp {
     using Number = T;
     static constexpr const char* name = "eyes, highlights, reverse";
-    static constexpr int image_at = 0, strength_at = 3, camera_at = 4, intensity_at = 7;
+    static constexpr int to_at = 0, camera_at = 3, intensity_at = 6;
     static constexpr int sums = intensity_at + light_channels;
     LitPoints<T> points;
     const SeenLight<T>* light;
@@ -108,38 +112,40 @@ struct LightEyePointVjp {
 
     template <class Sums>
     RYE_HD void operator()(Index i, Sums& sum) const {
-        if (!light->image.seen || !points.in_front(i)) return;
-        const Vec3<T> at = column3(points.seen, i);
-        const T value = glint_at(light->image, light->view, at);
+        const Mirrored<T> mirror = points.at(i, light->camera);
+        if (!(mirror.strength > T(0))) return;
+        const T lobe = light_lobe(mirror.to, light->to, light->width);
         const T* const g_colour = g_feature + channels * i;
         T g(0);
         for (int c = 0; c < light_channels; ++c) {
             g += g_colour[c] * intensity[c];
-            sum[std::size_t(intensity_at + c)] += g_colour[c] * value;
+            sum[std::size_t(intensity_at + c)] += g_colour[c] * mirror.strength * lobe;
         }
-        const Vec3<T> zero(T(0), T(0), T(0));
-        GlintGradient<T> own{{zero, T(0), true}, zero, zero};
-        const Vec3<T> g_at = glint_at_vjp(light->image, light->view, at, T(g * value), own);
+        const T g_dot = g * mirror.strength * lobe / (light->width * light->width);
+        Mirrored<T> g_mirror{light->to, g * lobe};
         for (int k = 0; k < 3; ++k) {
-            sum[std::size_t(image_at + k)] += own.image.at[k];
-            sum[std::size_t(camera_at + k)] += own.camera[k];
+            g_mirror.to[k] *= g_dot;
+            sum[std::size_t(to_at + k)] += g_dot * mirror.to[k];
         }
-        sum[strength_at] += own.image.strength;
+        Vec3<T> g_camera(T(0), T(0), T(0));
+        const Vec3<T> g_at = mirrored_vjp(cornea_in(points.cornea, 0), light->camera,
+                                          column3(points.seen, i), g_mirror, g_camera);
+        for (int k = 0; k < 3; ++k) sum[std::size_t(camera_at + k)] += g_camera[k];
         if (g_seen != nullptr) add_column<3>(g_at, g_seen, i);
     }
 };
 
-/// Returns the cotangents of the camera and of a light, in the eyeball's frame, given the sums of
-/// LightEyePointVjp.
+/// Cotangents of the camera and of a light, in the eyeball's frame.
+template <class T>
+struct LightGradient {
+    Vec3<T> camera, light;
+};
+/// Returns them, given the sums of LightEyePointVjp.
 template <class T, class Sums>
-RYE_HD GlintGradient<T> light_vjp(const Cornea<T>& cornea, const SeenLight<T>& light,
-                                  const Sums& sum) {
-    using At = LightEyePointVjp<T>;
-    GlintGradient<T> g{{Vec3<T>(sum[0], sum[1], sum[2]), sum[At::strength_at], true},
-                       Vec3<T>(sum[At::camera_at], sum[At::camera_at + 1], sum[At::camera_at + 2]),
-                       Vec3<T>(T(0), T(0), T(0))};
-    mirror_image_vjp(cornea, light.view, light.image, g);
-    return g;
+RYE_HD LightGradient<T> light_vjp(const SeenLight<T>& light, const Sums& sum) {
+    constexpr int camera = LightEyePointVjp<T>::camera_at;
+    return {Vec3<T>(sum[camera], sum[camera + 1], sum[camera + 2]),
+            normalized_vjp(light.from_cornea, Vec3<T>(sum[0], sum[1], sum[2]))};
 }
 
 /// Cotangents of an eye's transform to the world, of points that it takes into the eye.

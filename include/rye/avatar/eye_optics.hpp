@@ -30,9 +30,10 @@ struct EyeOptics {
     [[no_unique_address]] Slot<E, SeesCornea, Columns<T>> cornea;
     [[no_unique_address]] Slot<E, CornealRefraction, Columns<T>> index;  ///< fixed, 1 x 2
     [[no_unique_address]] Slot<E, Glint, Columns<T>> light_position;     ///< world, 3 x L
-    /// Colour that a light's image adds to the first channels at its middle, 3 x L.
+    /// Colour that a light's highlight adds to the first channels at its middle, 3 x L.
     [[no_unique_address]] Slot<E, Glint, Columns<T>, 1> light_intensity;
-    /// Fixed: the image's deviation [unit], 1 x L. Gaussians that are farther apart do not show it.
+    /// Fixed: the deviation of a light's lobe [rad], 1 x L (rig/cornea.hpp). Gaussians that are
+    /// farther apart than its image, about half the corneal radius times that, do not show it.
     [[no_unique_address]] Slot<E, Glint, Columns<T>, 2> light_width;
 
     template <class F, class... P>
@@ -200,10 +201,11 @@ void add_highlights(const B& backend, const EyeOptics<T, E>& optics,
                     const std::vector<SeenLight<T>>& lights, const T* seen, Index channels,
                     T* feature) {
     const LightArrays<T> arrays = arrays_of(optics);
-    const T* const axis = arrays.cornea + cornea_numbers * static_cast<Index>(viewed.eye) + 4;
-    for_each(backend, viewed.count,
-             LightEyePoint<T>{{viewed.points, seen, axis}, lights.data(), arrays.intensity,
-                              arrays.count, channels, feature});
+    const T* const cornea = arrays.cornea + cornea_numbers * static_cast<Index>(viewed.eye);
+    if (arrays.count > 0)
+        for_each(backend, viewed.count,
+                 LightEyePoint<T>{{viewed.points, seen, cornea}, lights.data(), arrays.intensity,
+                                  arrays.count, channels, feature});
 }
 
 /// Throws an Error unless the camera, which the corneas reflect or refract for, is somewhere.
@@ -266,7 +268,6 @@ IntoEye<T> look_into_eye_vjp(const B& backend, const EyeOptics<T, E>& optics,
                              const std::type_identity_t<SeenCotangent<T>>& cotangent,
                              [[maybe_unused]] EyeOptics<T, E>& grad) {
     const std::size_t eye = viewed.eye;
-    const Cornea<T> cornea = cornea_of(optics.cornea, eye);
     Vec3<T> g_camera = Vec3<T>::Zero();
     IntoEye<T> sum;
     if constexpr (has_effect<E, Glint>) {
@@ -277,17 +278,16 @@ IntoEye<T> look_into_eye_vjp(const B& backend, const EyeOptics<T, E>& optics,
             seen = trace.seen[eye].data();
             g_seen = cotangent.seen.data();
         }
-        const T* const axis = arrays.cornea + cornea_numbers * static_cast<Index>(eye) + 4;
+        const T* const own = arrays.cornea + cornea_numbers * static_cast<Index>(eye);
         for (Index l = 0; l < arrays.count; ++l) {
             const SeenLight<T>& light = trace.lights[eye][static_cast<std::size_t>(l)];
-            if (!light.image.seen) continue;
             using Sums = LightEyePointVjp<T>;
             const SumsOf<Sums> sums =
                 sum_each(backend, viewed.count,
-                         Sums{{viewed.points, seen, axis}, &light,
+                         Sums{{viewed.points, seen, own}, &light,
                               arrays.intensity + light_channels * l, cotangent.channels,
                               cotangent.feature, g_seen});
-            const GlintGradient<T> g = light_vjp(cornea, light, sums);
+            const LightGradient<T> g = light_vjp(light, sums);
             for (int c = 0; c < light_channels; ++c)
                 grad.light_intensity(c, l) += sums[std::size_t(Sums::intensity_at + c)];
             g_camera += g.camera;
@@ -297,7 +297,8 @@ IntoEye<T> look_into_eye_vjp(const B& backend, const EyeOptics<T, E>& optics,
     }
     if constexpr (has_effect<E, CornealRefraction>) {
         const Vec3<T> camera = into_eye(viewed.placed, viewed.camera);
-        const RefractingCornea<T> refracting{cornea, optics.index(0, static_cast<Index>(eye))};
+        const RefractingCornea<T> refracting{cornea_of(optics.cornea, eye),
+                                             optics.index(0, static_cast<Index>(eye))};
         for (Index i = 0; i < viewed.count; ++i)
             seen_through_vjp<T>(refracting, camera, column3(viewed.points, i),
                                 cotangent.seen.col(i), g_camera);

@@ -89,7 +89,8 @@ void avatar_arrays(A& avatar, F&& f) {
         if (name == "delta_poses" || name == "delta_gazes" || name == "delta_views" ||
             name == "eyes.spacing")
             return;
-        f("avatar." + name, a, name.ends_with(".xyz") || name == "eyes.kappa" || name == "eyes.light_position");
+        f("avatar." + name, a,
+          name.ends_with(".xyz") || name == "eyes.kappa" || name == "eyes.light_position");
     };
     P::fields(visit, avatar);
     P::buffers(

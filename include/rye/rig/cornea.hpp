@@ -1,11 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/cornea.hpp: optics of a spherical cornea for one eye: refraction displaces the iris, and
-/// the reflection of a light, the glint, is added to the colours. Frame: the eyeball's, origin at
-/// its centre; lengths in canonical head units; the camera and the lights are points of that frame.
-/// Approximations: a Gaussian's centre moves onto its refracted ray, as far behind the cornea along
-/// that ray as before; its shape is unchanged. The corneal sphere continues below the sclera. A
-/// point whose light is totally reflected on its way to the camera moves to the rim.
-/// Source: Fermat's principle (geometry/sphere_path.hpp); radii of Gullstrand's eye.
+/// the reflections of lights, the highlights, are added to the colours. Frame: the eyeball's,
+/// origin at its centre; lengths in canonical head units; the camera and the lights are points of
+/// that frame.
+/// Approximations: a Gaussian's centre moves onto its refracted ray, as far behind the cornea
+/// along that ray as before; its shape is unchanged. The corneal sphere continues below the
+/// sclera. A point whose light is totally reflected on its way to the camera moves to the rim. A
+/// light is a lobe of directions about the line from the cornea's centre to it, mirrored alike at
+/// all angles of incidence, and not beyond the limbus.
+/// Source: Fermat's principle (geometry/sphere_path.hpp); radii of Gullstrand's eye; lobes are
+/// spherical Gaussians (Wang et al., "All-frequency rendering of dynamic, spatially-varying
+/// reflectance", 2009).
 #pragma once
 
 #include <cmath>
@@ -18,8 +23,9 @@ namespace rye {
 
 /// Refractive index of the aqueous humour relative to air (Gullstrand).
 inline constexpr double aqueous_index = 1.336;
-/// Cosine of the angle of incidence below which a glint fades.
-inline constexpr double glint_grazing = 0.1;
+/// Cosine of the angle of incidence below which a highlight fades, and the width of the rim on
+/// which it fades, over the corneal radius.
+inline constexpr double mirror_grazing = 0.3, mirror_rim = 0.1;
 
 /// A cornea in its eyeball's frame.
 template <Scalar T>
@@ -35,13 +41,6 @@ template <Scalar T>
 struct RefractingCornea {
     Cornea<T> cornea;
     T index;
-};
-
-/// Geometry of a reflection: camera and light in the eyeball's frame, width of the glint [unit].
-template <Scalar T>
-struct GlintView {
-    Vec3<T> camera, light;
-    T width;
 };
 
 namespace detail {
@@ -135,97 +134,98 @@ RYE_HD T smooth_step_slope(const T& x) {
     return x > T(0) && x < T(1) ? T(T(6) * x * (T(1) - x)) : T(0);
 }
 
-/// Arguments to the smooth steps whose product is the strength of a reflection.
+/// Where a camera's ray through a point meets the corneal sphere, and what is mirrored there; by
+/// vectors of the cornea's size, so that rounding does not grow with the camera's distance.
 template <Scalar T>
-struct GlintFades {
-    T rim, grazing;
+struct MirrorRay {
+    Vec3<T> point;  ///< from the cornea's centre
+    Vec3<T> view;   ///< the ray's unit direction
+    T along;        ///< of the point, along the ray
+    Vec3<T> off;    ///< from the centre to the ray, across it
+    T inside;       ///< half the chord within the sphere, squared; below 0 if the ray misses
+    T chord;        ///< its root
+    Vec3<T> normal; ///< of the cornea where the ray meets it, unit length
+    T facing;       ///< dot(view, normal)
+    T rim, grazing; ///< arguments to the smooth steps whose product is the strength
 
-    RYE_HD GlintFades(const Cornea<T>& c, const GlintView<T>& view, const Vec3<T>& at)
-        : rim(constant<T>(0.5) + (dot(at, c.axis) - c.rim) / view.width),
-          grazing(dot(Vec3<T>(at - c.centre), normalized(Vec3<T>(view.camera - at))) /
-                  (c.radius * constant<T>(glint_grazing))) {}
+    RYE_HD MirrorRay(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& at)
+        : point(at - c.centre), view(normalized(Vec3<T>(at - camera))), along(dot(point, view)) {
+        using std::sqrt;
+        const Vec3<T> from = camera - c.centre;
+        const T rr = c.radius * c.radius;
+        for (int k = 0; k < 3; ++k) off[k] = point[k] - along * view[k];
+        inside = dot(from, from) > rr ? T(rr - dot(off, off)) : T(-1);
+        if (!(inside > T(0))) return;
+        chord = sqrt(inside);
+        for (int k = 0; k < 3; ++k) normal[k] = (off[k] - chord * view[k]) / c.radius;
+        facing = dot(view, normal);
+        rim = constant<T>(0.5) + (c.radius * dot(normal, c.axis) + dot(c.centre, c.axis) - c.rim) /
+                                     (c.radius * constant<T>(mirror_rim));
+        grazing = inside / (rr * constant<T>(mirror_grazing * mirror_grazing));
+    }
 };
 
 } // namespace detail
 
-/// Reflection of a light on the cornea: its point and its strength, which is 0 where the light or
-/// the camera cannot see that point, and fades within half a width of the limbus and near grazing.
+/// Direction that a cornea mirrors to the camera, and the strength of the mirror: 0 where no ray
+/// meets it, falling to 0 on the limbus and toward grazing incidence.
 template <Scalar T>
-struct MirrorImage {
-    Vec3<T> at;
-    T strength;                  ///< in [0, 1]
-    bool seen;
+struct Mirrored {
+    Vec3<T> to; ///< unit length
+    T strength; ///< in [0, 1]
 };
 
-/// Gradient with respect to a reflection's image, the camera and the light.
+/// Returns what the cornea mirrors where the camera sees a point through it.
 template <Scalar T>
-struct GlintGradient {
-    MirrorImage<T> image;
-    Vec3<T> camera, light;
-};
-
-/// Returns the image of a point light in the cornea, in the eyeball's frame.
-template <Scalar T>
-RYE_HD MirrorImage<T> mirror_image(const Cornea<T>& c, const GlintView<T>& view) {
-    const Vec3<T> eye = view.camera - c.centre, source = view.light - c.centre;
-    const T rr = c.radius * c.radius;
-    if (!(dot(eye, eye) > rr && dot(source, source) > rr)) return {c.centre, T(0), false};
-    const SpherePath<T> path = sphere_path(eye, source, {c.radius, T(1)});
-    const Vec3<T> at = c.centre + path.at;
-    if (!path.seen) return {at, T(0), false};
-    const detail::GlintFades<T> f(c, view, at);
-    const T strength = detail::smooth_step(f.rim) * detail::smooth_step(f.grazing);
-    return {at, strength, strength > T(0)};
+RYE_HD Mirrored<T> mirrored(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& point) {
+    const detail::MirrorRay<T> ray(c, camera, point);
+    if (!(ray.inside > T(0))) return {Vec3<T>(T(0), T(0), T(0)), T(0)};
+    Vec3<T> to;
+    for (int k = 0; k < 3; ++k) to[k] = ray.view[k] - T(2) * ray.facing * ray.normal[k];
+    return {to, detail::smooth_step(ray.rim) * detail::smooth_step(ray.grazing)};
 }
 
-/// Adds the cotangents of camera and light to g; g.image holds the cotangent of the image.
+/// Returns the cotangent of the point, given that of what is mirrored; adds the camera's to
+/// g_camera.
 template <Scalar T>
-RYE_HD void mirror_image_vjp(const Cornea<T>& c, const GlintView<T>& v, const MirrorImage<T>& m,
-                             GlintGradient<T>& g) {
-    if (!m.seen) return;
-    const detail::GlintFades<T> f(c, v, m.at);
-    const T by_rim = g.image.strength * detail::smooth_step_slope(f.rim) *
-                     detail::smooth_step(f.grazing) / v.width;
-    const T by_grazing = g.image.strength * detail::smooth_step(f.rim) *
-                         detail::smooth_step_slope(f.grazing) /
-                         (c.radius * constant<T>(glint_grazing));
-    const Vec3<T> view = v.camera - m.at, toward = normalized(view);
-    const Vec3<T> g_view = normalized_vjp(view, Vec3<T>((m.at - c.centre) * by_grazing));
-    Vec3<T> g_at;
-    for (int i = 0; i < 3; ++i)
-        g_at[i] = g.image.at[i] + by_rim * c.axis[i] + by_grazing * toward[i] - g_view[i];
-    const SpherePathCotangent<T> ends =
-        sphere_path_vjp(Vec3<T>(v.camera - c.centre), Vec3<T>(v.light - c.centre),
-                        {c.radius, T(1)}, Vec3<T>(m.at - c.centre), g_at);
-    g.camera += g_view + ends.eye;
-    g.light += ends.source;
+RYE_HD Vec3<T> mirrored_vjp(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& point,
+                            const Mirrored<T>& g, Vec3<T>& g_camera) {
+    const detail::MirrorRay<T> ray(c, camera, point);
+    if (!(ray.inside > T(0))) return Vec3<T>(T(0), T(0), T(0));
+    const T to_normal = dot(g.to, ray.normal);
+    const T by_rim = g.strength * detail::smooth_step_slope(ray.rim) *
+                     detail::smooth_step(ray.grazing) / constant<T>(mirror_rim);
+    T g_inside = g.strength * detail::smooth_step(ray.rim) *
+                 detail::smooth_step_slope(ray.grazing) /
+                 (c.radius * c.radius * constant<T>(mirror_grazing * mirror_grazing));
+    Vec3<T> g_view, g_off;
+    for (int k = 0; k < 3; ++k) {
+        g_view[k] = g.to[k] - T(2) * to_normal * ray.normal[k];
+        const T g_normal =
+            by_rim * c.axis[k] - T(2) * (to_normal * ray.view[k] + ray.facing * g.to[k]);
+        g_off[k] = g_normal / c.radius;
+        g_view[k] -= ray.chord * g_off[k];
+    }
+    // chord^2 = inside = R^2 - |off|^2, off = point - along view, along = point . view.
+    g_inside -= dot(g_off, ray.view) / (T(2) * ray.chord);
+    for (int k = 0; k < 3; ++k) g_off[k] -= T(2) * g_inside * ray.off[k];
+    const T g_along = T(0) - dot(g_off, ray.view);
+    for (int k = 0; k < 3; ++k) g_view[k] += g_along * ray.point[k] - ray.along * g_off[k];
+    const Vec3<T> turned = normalized_vjp(Vec3<T>(point - camera), g_view);
+    Vec3<T> g_point;
+    for (int k = 0; k < 3; ++k) {
+        g_camera[k] -= turned[k];
+        g_point[k] = turned[k] + g_off[k] + g_along * ray.view[k];
+    }
+    return g_point;
 }
 
-/// Returns the brightness of a reflection at a point: strength exp(-d^2 / 2 width^2), where d is
-/// the distance of the point from the camera's ray through the image.
+/// Returns the brightness of a light in a direction: exp((to . light - 1) / width^2), both unit
+/// vectors, the width in radians.
 template <Scalar T>
-RYE_HD T glint_at(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>& point) {
+RYE_HD T light_lobe(const Vec3<T>& to, const Vec3<T>& light, const T& width) {
     using std::exp;
-    const Vec3<T> d = normalized(Vec3<T>(m.at - v.camera)), r = point - m.at;
-    const Vec3<T> off = r - d * dot(d, r);
-    return m.strength * exp(constant<T>(-0.5) * dot(off, off) / (v.width * v.width));
-}
-
-/// Returns the cotangent of the point; adds the image's and the camera's to g. `g_log` is the
-/// cotangent of the value's logarithm: the value's cotangent times the value.
-template <Scalar T>
-RYE_HD Vec3<T> glint_at_vjp(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>& point,
-                            const T& g_log, GlintGradient<T>& g) {
-    const Vec3<T> view = m.at - v.camera, d = normalized(view), r = point - m.at;
-    const T along = dot(d, r);
-    const T k = T(0) - g_log / (v.width * v.width);
-    g.image.strength += g_log / m.strength;
-    // |off|^2 = |r|^2 - (d r)^2.
-    const Vec3<T> g_r = (r - d * along) * k;
-    const Vec3<T> g_view = normalized_vjp(view, Vec3<T>(r * (T(0) - along * k)));
-    g.image.at += g_view - g_r;
-    g.camera -= g_view;
-    return g_r;
+    return exp((dot(to, light) - T(1)) / (width * width));
 }
 
 } // namespace rye

@@ -48,7 +48,7 @@ struct HighlightBothEyes {
         LightEyePoint<float> own = point;
         if (i >= left) {
             own.lights += own.count;
-            own.points.axis += cornea_numbers;
+            own.points.cornea += cornea_numbers;
         }
         own(i);
     }
@@ -75,11 +75,11 @@ struct HighlightsVjpKernel {
     const float* camera;
     const DeviceFrameState* frame;
     const SeenLight<float>* seen;
-    const float* sums;           ///< of each light in each eye, light_room apart
-    DeviceLightGradient* apart;  ///< 2 x count
-    float* eye_sums;             ///< of each eye, EyeSums::room apart, added to
-    float* g_position;           ///< 3 x count, added to
-    float* g_intensity;          ///< light_channels x count, added to
+    const float* sums;          ///< of each light in each eye, light_room apart
+    DeviceLightGradient* apart; ///< 2 x count
+    float* eye_sums;            ///< of each eye, EyeSums::room apart, added to
+    float* g_position;          ///< 3 x count, added to
+    float* g_intensity;         ///< light_channels x count, added to
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
@@ -92,8 +92,8 @@ struct HighlightsVjpKernel {
                 const Vec3<float> a = apart[t].light, b = apart[count + t].light;
                 for (int k = 0; k < 3; ++k) g_position[3 * t + k] += a[k] + b[k];
                 for (int c = 0; c < light_channels; ++c)
-                    g_intensity[light_channels * t + c] += intensity_sum(t, c) +
-                                                           intensity_sum(count + t, c);
+                    g_intensity[light_channels * t + c] +=
+                        intensity_sum(t, c) + intensity_sum(count + t, c);
             }
             if (t == 0) of_eye_sums<0>();
             if (t == 1) of_eye_sums<1>();
@@ -102,19 +102,14 @@ struct HighlightsVjpKernel {
 
   private:
     RYE_DEVICE float intensity_sum(int t, int channel) const {
-        if (!seen[t].image.seen) return 0.0F;
         return sums[light_room * t + LightEyePointVjp<float>::intensity_at + channel];
     }
     RYE_DEVICE void of_light(int t, int eye, int light) const {
+        const EyeTransform<float>& placed = frame->eye[eye];
+        const LightGradient<float> own = light_vjp<float>(seen[t], sums + light_room * t);
         DeviceLightGradient g;
-        g.light = Vec3<float>(0.0F, 0.0F, 0.0F);
-        if (seen[t].image.seen) {
-            const EyeTransform<float>& placed = frame->eye[eye];
-            const GlintGradient<float> own = light_vjp<float>(
-                cornea_in(lights.cornea, eye), seen[t], sums + light_room * t);
-            g.light = g.eye.add(placed, column3(lights.position, light), own.light);
-            g.eye.add(placed, column3(camera, 0), own.camera);
-        }
+        g.light = g.eye.add(placed, column3(lights.position, light), own.light);
+        g.eye.add(placed, column3(camera, 0), own.camera);
         apart[t] = g;
     }
     template <int eye>
@@ -184,7 +179,7 @@ class DeviceHighlights {
         const LightArrays<float> lights = arrays(of);
         device_.launch(queue, 1, SeeLightsKernel{lights, camera, frame, seen_.data()});
         launch_each(device_, queue, points.count,
-                    HighlightBothEyes{{{points.position, points.position, cornea_.data() + 4},
+                    HighlightBothEyes{{{points.position, points.position, cornea_.data()},
                                        seen_.data(),
                                        lights.intensity,
                                        lights.count,
@@ -206,21 +201,21 @@ class DeviceHighlights {
                             n = eye == 0 ? points.left : points.count - points.left,
                             at = eye * lights.count + l;
                 const float* const own = points.position + 3 * first;
-                sums_.launch(queue, n,
-                             LightEyePointVjp<float>{
-                                 {own, own, cornea_.data() + cornea_numbers * eye + 4},
-                                 seen_.data() + at,
-                                 lights.intensity + light_channels * l,
-                                 g.rows,
-                                 g.data + g.rows * first,
-                                 nullptr},
-                             {light_sums_.data() + light_room * at});
+                sums_.launch(
+                    queue, n,
+                    LightEyePointVjp<float>{{own, own, cornea_.data() + cornea_numbers * eye},
+                                            seen_.data() + at,
+                                            lights.intensity + light_channels * l,
+                                            g.rows,
+                                            g.data + g.rows * first,
+                                            nullptr},
+                    {light_sums_.data() + light_room * at});
             }
-        device_.launch(queue, 1,
-                       HighlightsVjpKernel<E>{lights, camera, frame, seen_.data(),
-                                              light_sums_.data(), apart_.data(), eye_sums,
-                                              to(host_->light_position).data,
-                                              to(host_->light_intensity).data});
+        device_.launch(
+            queue, 1,
+            HighlightsVjpKernel<E>{lights, camera, frame, seen_.data(), light_sums_.data(),
+                                   apart_.data(), eye_sums, to(host_->light_position).data,
+                                   to(host_->light_intensity).data});
     }
 
     /// Memory that is held [bytes].

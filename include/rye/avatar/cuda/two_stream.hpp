@@ -178,11 +178,11 @@ class DeviceTwoStream {
         drive_streams(queue, at(parameters_), false);
     }
     /// The same where also the drivers are those of the last drive_into or redrive_into, but for
-    /// the gazes and the camera (the frame's column too): redoes what gazes move, the points on the lists of
-    /// the gazes' networks and the eyes, with the bits of a redrive_into. Networks of expression
-    /// and head pose are not run; what they gave is still there, so this takes no memory. Lists and
-    /// influences follow from the points at rest, light from the head pose. Eyes and their features
-    /// are done whole, whatever changes them. Not for a vjp.
+    /// the gazes and the camera (the frame's column too): redoes what gazes move, the points on the
+    /// lists of the gazes' networks and the eyes, with the bits of a redrive_into. Networks of
+    /// expression and head pose are not run; what they gave is still there, so this takes no
+    /// memory. Lists and influences follow from the points at rest, light from the head pose. Eyes
+    /// and their features are done whole, whatever changes them. Not for a vjp.
     void regaze_into([[maybe_unused]] const CudaQueue& queue) {
         if constexpr (has_effect<E, AnyOf<LeftGaze, RightGaze>>) {
             const auto of = at(parameters_);

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+// Lights of a rendered capture, from what the corneas in its photographs mirror, against the
+// softboxes that lit it (synthetic_capture/head_render.cpp).
+#include "training/lights.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <doctest/doctest.h>
+
+#include <rye/rig/gaze.hpp>
+
+#include "data/config.hpp"
+#include "right_capture.hpp"
+
+using namespace rye;
+using namespace rye::trainer;
+
+namespace {
+
+constexpr double degree = 3.14159265358979323846 / 180;
+
+double angle(const Vec3<double>& a, const Vec3<double>& b) {
+    return std::acos(std::clamp(normalized(a).dot(normalized(b)), -1.0, 1.0)) / degree;
+}
+
+} // namespace
+
+TEST_CASE("lights: the bright softbox of a rendered head is found, and nothing where none is") {
+    const RightCapture right(12);
+    const Subject subject = describe_subject(right.capture, preset("cpu"));
+    const FoundLights found = find_lights(right.capture, subject);
+    for (const std::string& line : found.lines()) MESSAGE(line);
+    REQUIRE(!found.lights.empty());
+    const Vec3<double> softbox(0.62, 0.68, 0.95);
+    CHECK(angle(found.lights.front().to, softbox) < 8);
+    CHECK(found.lights.front().intensity.minCoeff() > 0.02);
+    CHECK(found.explained > 0.2);
+    CHECK(found.json().at("lights").size() == found.lights.size());
+
+    // The same bits again.
+    const FoundLights again = find_lights(right.capture, subject);
+    REQUIRE(again.lights.size() == found.lights.size());
+    for (std::size_t l = 0; l < found.lights.size(); ++l) {
+        CHECK(again.lights[l].to == found.lights[l].to);
+        CHECK(again.lights[l].intensity == found.lights[l].intensity);
+    }
+    Capture blind = right.capture;
+    for (int f = 0; f < blind.frame_count(); ++f)
+        for (int c = 0; c < blind.camera_count(); ++c) blind.view(f, c).eye_mask.clear();
+    const FoundLights nothing = find_lights(blind, subject);
+    CHECK(nothing.lights.empty());
+    CHECK(nothing.lines().front().find("no light was found") == 0);
+}
+
+TEST_CASE("reflections: lobes painted on irises are found where they are, by map and by fit") {
+    // Pixels of both eyes that mirror all directions in front, over an iris of its own colours.
+    std::vector<MirroredPixel> pixels;
+    const Vec3<double> lights[2] = {Vec3<double>(-0.4, 0.5, 0.75).normalized(),
+                                    Vec3<double>(0.7, 0.1, 0.7).normalized()};
+    for (int picture = 0; picture < 120; ++picture)
+        for (int k = 0; k < 150; ++k) {
+            const double a = 2.399963 * k, r = std::sqrt((k + 0.5) / 150) * 0.85;
+            const double yaw = (0.5 * std::sin(0.37 * picture) + 0.7 * r * std::cos(a)),
+                         pitch = (0.3 * std::cos(0.23 * picture) + 0.7 * r * std::sin(a));
+            MirroredPixel p;
+            p.to = gaze_vector(pitch, yaw).cast<float>();
+            p.iris = Vec2<double>(r * std::cos(a), r * std::sin(a)).cast<float>();
+            p.eye = picture % 2;
+            p.picture = picture;
+            const Vec3<double> to = p.to.cast<double>();
+            const double light =
+                0.3 * light_lobe(to, lights[0], 0.12) + 0.15 * light_lobe(to, lights[1], 0.15);
+            p.colour =
+                Vec3<float>::Constant(static_cast<float>(0.2 + 0.1 * r + 0.05 * p.eye + light));
+            pixels.push_back(p);
+        }
+    const std::vector<ReflectedPart> map = reflected_parts(pixels, 3, 15);
+    REQUIRE(map.size() > 100);
+    const auto best = std::max_element(map.begin(), map.end(), [](const auto& a, const auto& b) {
+        return a.colour.mean() < b.colour.mean();
+    });
+    CHECK(angle(best->to, lights[0]) < 4);
+    CHECK(best->colour.mean() > 0.15);
+
+    Reflections same{pixels, pixels, 120};
+    CHECK(same.json().at("correlation").get<double>() == doctest::Approx(1));
+    Reflections dull = same;
+    for (MirroredPixel& p : dull.render) p.colour.setConstant(0.3F);
+    CHECK((dull.json().at("correlation").is_null() ||
+           std::abs(dull.json().at("correlation").get<double>()) < 0.1));
+    CHECK(dull.json().at("renders").get<double>() < 0.01);
+    Reflections few;
+    CHECK(few.json().at("correlation").is_null());
+    few.add(same);
+    few.add(same);
+    CHECK(few.pictures == 240);
+    CHECK(few.photograph.back().picture == 239);
+    CHECK(few.json().at("correlation").get<double>() == doctest::Approx(1));
+}
