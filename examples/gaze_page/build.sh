@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 # build.sh [AVATAR [OUT]]: the gaze page as one folder of files, OUT (build/gaze_page), to put on any
 # host, or to open from a disk: the page, rye as WebAssembly with SIMD, the avatar file, and these once
-# more in files.js, for browsers read no other files from a disk; and OUT/npm, a package. Without AVATAR, or with "-", the
-# avatar is left out, and the page asks for a file. Needs emscripten (Debian: apt-get install
-# emscripten), Eigen and xsimd; installs nothing.
+# more in files.js, for browsers read no other files from a disk; and OUT/npm, a package. Without
+# AVATAR, or with "-", the avatar is left out, and the page asks for a file. Needs emscripten (Debian:
+# apt-get install emscripten), Eigen and xsimd; installs nothing. From the environment:
+#   EIGEN, XSIMD   folders of these
+#   MORE           a source in C that is linked as well, for tests
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 root=$here/../..
@@ -32,7 +34,8 @@ NODE_PATH=${NODE_PATH:-}${NODE_PATH:+:}/usr/share/nodejs
 export NODE_PATH
 
 objects=
-for source in "$root/c/cloud.cpp" "$root/c/avatar.cpp" "$root/c/message.cpp" "$here/page.c"; do
+for source in "$root/c/cloud.cpp" "$root/c/avatar.cpp" "$root/c/message.cpp" "$here/rules.cpp" \
+    "$here/page.c" ${MORE:+"$MORE"}; do
     object=$out/objects/$(basename "$source").o
     objects="$objects $object"
     # Once more only where a source or a header is newer.
@@ -51,13 +54,27 @@ em++ $flags $objects -o "$out/rye.js" -sALLOW_MEMORY_GROWTH=1 -sINITIAL_MEMORY=6
     -sENVIRONMENT=worker -sMODULARIZE=1 -sEXPORT_NAME=ryeModule -sFILESYSTEM=0 \
     -sEXPORTED_FUNCTIONS=_malloc,_free -sEXPORTED_RUNTIME_METHODS=UTF8ToString,stringToUTF8
 
+# WebGPU's steps, and what calls them, as one script.
+{
+    echo 'const ryeShaders = {'
+    for shader in "$here"/webgpu/*.wgsl; do
+        # shellcheck disable=SC2016 # a text of JavaScript, not of a shell
+        if grep -q '[\\$]' "$shader"; then fail "$shader: got \\ or \$, expected neither"; fi
+        printf '%s: `' "$(basename "$shader" .wgsl)"
+        sed 's/`/\\`/g' "$shader"
+        echo '`,'
+    done
+    echo '};'
+    cat "$here/webgpu/device.js" "$here/webgpu/splats.js" "$here/webgpu/network.js" "$here/webgpu/drawing.js"
+} > "$out/webgpu.js"
+
 for file in index.html style.css page.js worker.js camera.js; do
     cp "$here/$file" "$out/$file"
 done
 # The same as a package for npm, whose example is npm/example.html.
 mkdir -p "$out/npm"
 version=$(sed -n 's/#define RYE_VERSION_[A-Z]* \([0-9]*\)/\1/p' "$root/include/rye/core/config.hpp" | paste -sd .)
-cp "$here"/npm/* "$here/worker.js" "$out/rye.js" "$out/rye.wasm" "$root/LICENSE" "$out/npm/"
+cp "$here"/npm/* "$here/worker.js" "$out/rye.js" "$out/rye.wasm" "$out/webgpu.js" "$root/LICENSE" "$out/npm/"
 sed "s/\"version\": \"[^\"]*\"/\"version\": \"$version\"/" "$here/npm/package.json" > "$out/npm/package.json"
 rm -f "$out/head.avatar" "$out/npm/head.avatar"
 [ "$avatar" = - ] || cp "$avatar" "$out/head.avatar"
@@ -67,13 +84,13 @@ rm -f "$out/head.avatar" "$out/npm/head.avatar"
     echo '// files.js: what page.js reads instead of files where it was opened from a disk, as base64.'
     echo '"use strict";'
     echo 'window.ryeFiles = {'
-    for file in rye.js worker.js rye.wasm head.avatar; do
+    for file in rye.js webgpu.js worker.js rye.wasm head.avatar; do
         [ ! -f "$out/$file" ] || printf '"%s": "%s",\n' "$file" "$(base64 < "$out/$file" | tr -d '\n')"
     done
     echo '};'
 } > "$out/files.js"
 printf 'gaze page: %s\n' "$out"
-for file in rye.wasm rye.js head.avatar files.js; do
+for file in rye.wasm rye.js webgpu.js head.avatar files.js; do
     [ ! -f "$out/$file" ] || printf '  %s %s bytes, %s compressed\n' "$file" \
         "$(wc -c < "$out/$file")" "$(gzip -9c "$out/$file" | wc -c)"
 done

@@ -7,6 +7,7 @@
 const element = (id) => document.getElementById(id);
 const canvas = element("picture");
 const context = canvas.getContext("2d", { alpha: false });
+const options = new URLSearchParams(location.search);  // ?avatar=FILE, ?draw=wasm or webgpu
 let worker = null;      // from start() on
 const degrees = 180 / Math.PI;
 const clamp = (x, low, high) => Math.min(high, Math.max(low, x));
@@ -104,7 +105,7 @@ function show(drawn) {
     if (drawn.bitmap) context.drawImage(drawn.bitmap, 0, 0);
     else context.putImageData(new ImageData(new Uint8ClampedArray(drawn.picture), drawn.width, drawn.height), 0, 0);
     state.frames += 1;
-    state.last = { ms: drawn.ms, work: drawn.work };
+    state.last = { ms: drawn.ms, work: drawn.work, by: drawn.by, note: drawn.note };
     if (state.firstPicture === null) state.firstPicture = performance.now() - begun;
     lately = [...lately.slice(-14), drawn.ms];
     const middle = [...lately].sort((a, b) => a - b)[lately.length >> 1];
@@ -112,6 +113,8 @@ function show(drawn) {
     element("moved").textContent = `${Math.round((100 * drawn.work.gaussians) / avatar.gaussians)} %`;
     element("redrawn").textContent =
         `${Math.round((100 * drawn.work.pixels) / (drawn.width * drawn.height))} %`;
+    const kinds = { webgpu: "WebGPU", wasm: "WebAssembly" };
+    element("by").textContent = kinds[drawn.by] ? kinds[drawn.by] + (drawn.note ? `: ${drawn.note}` : "") : "rye view";
     notice("");
 }
 
@@ -144,7 +147,7 @@ function start(address, wasm = null) {
         notice(`The page could not start: ${fault.message || "WebAssembly with SIMD is needed"}`, true);
         state.errors.push(String(fault.message));
     };
-    worker.postMessage({ start: wasm });
+    worker.postMessage({ start: wasm, by: options.get("draw") ?? "auto" });
 }
 
 /// Eyes move to their goal in a few pictures, as eyes do, and end exactly there. Where nobody has moved
@@ -409,7 +412,7 @@ window.gazePage = state;
 
 /// From a disk, where browsers let a page read no files but scripts: files.js has them.
 async function fromDisk() {
-    if (location.search) throw new Error("an address with ?avatar= needs a web server");
+    if (options.has("avatar")) throw new Error("an address with ?avatar= needs a web server");
     const script = document.createElement("script");
     script.src = "files.js";
     await new Promise((resolve, reject) => {
@@ -418,7 +421,8 @@ async function fromDisk() {
         document.head.append(script);
     });
     const bytes = (name) => Uint8Array.from(atob(window.ryeFiles[name]), (c) => c.charCodeAt(0));
-    const scripts = new Blob([bytes("rye.js"), "\n", bytes("worker.js")], { type: "text/javascript" });
+    const parts = ["rye.js", "webgpu.js", "worker.js"].flatMap((name) => [bytes(name), "\n"]);
+    const scripts = new Blob(parts, { type: "text/javascript" });
     start(URL.createObjectURL(scripts), bytes("rye.wasm").buffer);
     if (!window.ryeFiles["head.avatar"]) throw new Error("the folder has none");
     open(bytes("head.avatar").buffer, "head.avatar");
@@ -426,7 +430,7 @@ async function fromDisk() {
 
 async function fromHost() {
     start("worker.js");
-    const name = new URLSearchParams(location.search).get("avatar") || "head.avatar";
+    const name = options.get("avatar") || "head.avatar";
     const answer = await fetch(name);
     if (!answer.ok) throw new Error(`${name}: ${answer.status} ${answer.statusText}`);
     open(await answer.arrayBuffer(), name);

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+// webgpu.js CHROMIUM PAGE OUT: the pictures that the gaze page in PAGE draws by WebGPU, on SwiftShader's
+// adapter, against those of the headers in the same module, pixel by pixel; and that nothing is lost
+// where there is no device, where it is lost, or where a shader is wrong. PAGE was built with
+// MORE=features.c. Prints each figure with its bound, writes screenshots to OUT, and fails if a bound
+// does not hold. Where Chromium offers no adapter it says so.
+"use strict";
+
+const fs = require("node:fs");
+const path = require("node:path");
+const { Browser, serve } = require("../../examples/video_tracker/browser.js");
+const { Figures } = require("./measures.js");
+
+const [chromium, page, out] = process.argv.slice(2);
+const flags = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan"];
+const figures = new Figures();
+const figure = figures.add.bind(figures);
+const presets = ["Balanced", "Fast", "Tight"];
+
+/// Frames: what differs from the one before. Small: the device is a processor.
+const frames = [
+    { what: "ahead", parts: "{}", size: [256, 256] },
+    { what: "eyes to the left", parts: "{ gaze: [0.1, 0.3, 0.1, 0.3] }", size: [128, 128] },
+    { what: "eyes apart, up and down", parts: "{ gaze: [0.2, -0.2, -0.2, 0.1] }", size: [128, 128] },
+    { what: "an expression", parts: "{ expression: low.map((x, i) => x + 0.7 * (high[i] - x)) }", size: [128, 128] },
+    { what: "the head turned", parts: "{ pose: pose.map((x, i) => (i === 1 ? x + 0.3 : x)) }", size: [128, 128] },
+    { what: "from the side", parts: "{ motion: seen(0.7, 0.2, 1) }", size: [96, 96] },
+    { what: "from near, wide", parts: "{ motion: seen(-0.4, 0, 2.4) }", size: [200, 88] },
+    { what: "384 x 384", parts: "{ motion: seen(0, 0, 1) }", size: [384, 384] },
+    { what: "41 x 67: long lists", parts: "{ lookAt: [0.3, 0.2, 3] }", size: [41, 67] },
+    { what: "another background", parts: "{ background: behind }", size: [128, 128] },
+];
+
+/// Run in the worker: draws a frame by WebGPU twice, and by the headers: [dB] between the pictures, at
+/// each preset [dB] between the features, whether both draws are the same bytes.
+const compare = ({ parts, size: [width, height] }) => `(async () => {
+    const { low, high, pose, seen, behind } = self.scene;
+    const parts = ${parts}, db = (a, b, peak) => {
+        let sum = 0;
+        for (let i = 0; i < a.length; ++i) sum += (a[i] - b[i]) ** 2;
+        return 10 * Math.log10((peak * peak) / Math.max(sum / a.length, 1e-12));
+    };
+    const first = await draw({ ...parts, width: ${width}, height: ${height} });
+    const again = await draw({ width: ${width}, height: ${height} });
+    const lists = [];
+    for (const accuracy of [0, 1, 2]) {
+        const got = await drawing.features(frame(${width}, ${height}, accuracy));
+        const at = rye._page_features(accuracy);
+        if (at === 0) throw new Error("the headers drew no features");
+        lists.push(db(got, here(at, got.length), 1));
+    }
+    const a = new Uint8Array(first.picture), b = new Uint8Array(again.picture);
+    const right = new Uint8Array(byWasm(-1, ${width}, ${height}));
+    const colours = (x) => x.filter((_, i) => i % 4 !== 3);
+    return { by: [first.by, again.by].join(), note: first.note, same: a.every((x, i) => x === b[i]),
+             picture: db(colours(a), colours(right), 255), features: lists,
+             opaque: a.every((x, i) => i % 4 !== 3 || x === 255),
+             filled: colours(a).filter((x) => x !== a[0]).length / (3 * ${width} * ${height}) };
+})()`;
+
+/// The page at an address, once it shows a picture.
+async function visit(b, url) {
+    await b.call("Page.navigate", { url });
+    await b.until("window.gazePage && gazePage.firstPicture !== null", 120000);
+    return b.evaluate("gazePage.last");
+}
+
+async function drawsAlike(b, url) {
+    const last = await visit(b, `${url}?draw=webgpu`);
+    if (last.by !== "webgpu") {
+        if (!/^(this browser has no WebGPU|WebGPU has )/.test(last.note)) throw new Error(`WebGPU draws nothing: ${last.note}`);
+        console.log(`not run: gaze_page: pictures by WebGPU: ${last.note}`);
+        return false;
+    }
+    const worker = b.workers.at(-1);
+    const { gaussians, channels } = await b.evaluate("gazePage.avatar");
+    console.log(`by WebGPU on SwiftShader: ${gaussians} Gaussians of ${channels} channels; ` +
+                `[dB] to the headers: the picture; the render at ${presets.join(", ")}`);
+    await b.screenshot(path.join(out, "webgpu.png"));
+    await b.evaluate("document.getElementById('alive').checked = false; true");
+    await b.until("!busy && !gazePage.lives && Object.keys(wanted).length === 0", 60000);
+    const scene = await b.evaluate(`(() => {
+        const seen = (yaw, pitch, zoom) => { orbit.reset(); orbit.turn(yaw, pitch); orbit.magnify(zoom);
+            const m = orbit.motion(); orbit.reset(); return [...m]; };
+        const views = [[0.7, 0.2, 1], [-0.4, 0, 2.4], [0, 0, 1]].map((v) => [v.join(), seen(...v)]);
+        return { low: avatar.low, high: avatar.high, pose: avatar.pose, views };
+    })()`);
+    await b.evaluate(`(() => { const s = ${JSON.stringify(scene)}, views = Object.fromEntries(s.views);
+        self.scene = { ...s, seen: (...v) => views[v.join()],
+                       behind: Array.from({ length: ${channels} }, (_, i) => (i % 3) / 4) }; })()`, worker);
+    for (const f of frames) {
+        const got = await b.evaluate(compare(f), worker);
+        if (got.by !== "webgpu,webgpu") throw new Error(`${f.what}: drawn by ${got.by}: ${got.note}`);
+        const least = Math.min(got.picture, ...got.features);
+        figure(`${f.what} [dB]`, [got.picture, ...got.features].map((x) => x.toFixed(1)).join(", "),
+               least >= 60 && got.filled > 0.05 && got.opaque, "at least 60");
+        if (!got.same) figure(`${f.what}: two draws`, "differ", false, "the same bytes");
+    }
+    figure("two draws of each frame", "the same", true, "the same bytes");
+    return true;
+}
+
+async function losesNothing(b, url) {
+    const sum = `(() => { const c = document.getElementById("picture");
+        return c.getContext("2d").getImageData(0, 0, c.width, c.height).data
+            .reduce((h, byte) => (Math.imul(h, 16777619) ^ byte) >>> 0, 2166136261); })()`;
+    const shown = `gazePage.show({ gaze: [0, 0.2, 0, 0.2] }, 256)`;
+    await visit(b, `${url}?draw=wasm`);
+    const plain = await b.evaluate(shown), right = await b.evaluate(sum);
+    figure("?draw=wasm: drawn by, and no note", `${plain.by} ${plain.note}`.trim(), plain.by === "wasm" && !plain.note, "wasm");
+    await visit(b, `${url}?draw=webgpu`);
+    await b.evaluate("drawing.gpu.device.destroy(); true", b.workers.at(-1));
+    const lost = await b.evaluate(shown);
+    figure("the device lost: drawn by", lost.by, lost.by === "wasm" && /device was lost/.test(lost.note), "wasm, and a note");
+    figure("... the picture is WebAssembly's", String(await b.evaluate(sum) === right), await b.evaluate(sum) === right, "true");
+    await b.until("document.getElementById('by').textContent.includes('lost')", 1000);
+
+    const last = await visit(b, url);
+    const automatic = await b.evaluate(`(async () => {
+        for (let i = 0; i < 100 && !gazePage.last.note && gazePage.last.by === "wasm"; ++i) {
+            await new Promise((done) => setTimeout(done, 50));
+            await gazePage.show({});
+        }
+        return gazePage.last;
+    })()`);
+    figure("without ?draw, on software: drawn by", automatic.by, last.by === "wasm" && automatic.by === "wasm" &&
+           /software/.test(automatic.note), "wasm, and a note");
+
+    const broken = path.join(out, "broken");
+    fs.mkdirSync(broken, { recursive: true });
+    fs.writeFileSync(path.join(broken, "webgpu.js"), fs.readFileSync(path.join(page, "webgpu.js"), "utf8")
+        .replace("let inside = pixel.x", "let inside = pixels.x"));
+    const server = await serve([broken, page]);
+    const wrong = await visit(b, `http://127.0.0.1:${server.address().port}/?draw=webgpu`);
+    figure("a wrong shader: drawn by", wrong.by, wrong.by === "wasm" && wrong.note.startsWith("blend.wgsl:"), "wasm, and its name");
+    await b.evaluate(shown);
+    figure("... the picture is WebAssembly's", String(await b.evaluate(sum) === right), await b.evaluate(sum) === right, "true");
+    server.close();
+}
+
+async function main() {
+    if (!out) throw new Error("webgpu.js: expected CHROMIUM PAGE OUT");
+    fs.mkdirSync(out, { recursive: true });
+    const server = await serve([page]);
+    const url = `http://127.0.0.1:${server.address().port}/`;
+    const b = await Browser.start(chromium, [1280, 860], flags);
+    try {
+        if (await drawsAlike(b, url)) await losesNothing(b, url);
+        figure("errors of the page and of the console", String(b.faults.length), b.faults.length === 0, "0");
+        for (const fault of b.faults) console.log(`  ${fault}`);
+    } finally {
+        await b.end();
+    }
+    const without = await Browser.start(chromium, [1280, 860]);
+    try {
+        const last = await visit(without, `${url}?draw=webgpu`);
+        figure("without an adapter: drawn by", last.by, last.by === "wasm" && last.note !== "", "wasm, and a note");
+        console.log(`  ${last.note}`);
+    } finally {
+        await without.end();
+        server.close();
+    }
+    figures.end();
+}
+
+main().catch((fault) => {
+    console.error(String(fault.stack || fault));
+    process.exit(1);
+});
