@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # gaze_page.sh RYE WORK: builds examples/gaze_page with an avatar of half the size that `--preset
 # cpu` trains, of a few steps (its skin moves more than that of a trained one), and has a headless Chromium
-# visit it (test.js); then the same head as `rye view` draws it (view.js). Where emscripten, node or Chromium is missing it says so and ends with 77. From
-# the environment:
+# visit it (test.js), has that draw by WebGPU (webgpu.js), that head and one whose network doubles and
+# normalises; then the head as `rye view` draws it (view.js). Where emscripten, node or Chromium is missing
+# it says so and ends with 77. From the environment:
 #   CHROMIUM   the browser (default: chromium, chromium-browser or google-chrome)
 #   AVATAR and REFERENCE, DRIVERS   instead of its own: an avatar file, a picture of it by
 #              `rye redirect`, and the gazes of that (left pitch, yaw, right pitch, yaw [degrees])
@@ -43,8 +44,19 @@ EOF
     "$rye" export --run "$work/run" --out "$avatar"
     "$rye" redirect --run "$work/run" --gaze-left "${drivers%,*,*}" --gaze-right "${drivers#*,*,}" \
         --out "$reference"
+    cat > "$work/doubled.json" << 'EOF'
+{"avatar": {"channels": 20},
+ "mesh": {"steps": 20, "pretrain_steps": 100, "fit_steps": 50, "fit_mixed": 0},
+ "gaussians": {"steps": 40, "upsampler": {"norm": "instance", "capacity": 6}}}
+EOF
+    "$rye" train --capture "$work/capture" --preset tiny --config "$work/doubled.json" --quiet \
+        --out "$work/doubled" >> "$work/train.log"
+    "$rye" export --run "$work/doubled" --out "$work/doubled.avatar"
 fi
-sh "$here/../../examples/gaze_page/build.sh" "$avatar" "$work/page"
+MORE="$here/features.c" sh "$here/../../examples/gaze_page/build.sh" "$avatar" "$work/page"
+doubled=
+[ ! -f "$work/doubled.avatar" ] || { doubled=doubled.avatar; cp "$work/$doubled" "$work/page/"; }
 node "$here/test.js" "$chromium" "$work/page" "$reference" "$drivers" "$work/pictures"
+node "$here/webgpu.js" "$chromium" "$work/page" "$work/pictures" ${doubled:+"$doubled"}
 [ -d "$work/run" ] || exit 0
 node "$here/view.js" "$chromium" "$rye" "$work/run" "$reference" "$drivers" "$work/pictures"

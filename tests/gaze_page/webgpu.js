@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// webgpu.js CHROMIUM PAGE OUT: the pictures that the gaze page in PAGE draws by WebGPU, on SwiftShader's
-// adapter, against those of the headers in the same module, pixel by pixel; and that nothing is lost
+// webgpu.js CHROMIUM PAGE OUT [AVATAR]: the pictures that the gaze page in PAGE draws by WebGPU, on
+// SwiftShader's adapter, of its avatar and of another file there, against those of the headers in the same module, pixel by pixel; and that nothing is lost
 // where there is no device, where it is lost, or where a shader is wrong. PAGE was built with
 // MORE=features.c. Prints each figure with its bound, writes screenshots to OUT, and fails if a bound
 // does not hold. Where Chromium offers no adapter it says so.
@@ -11,7 +11,7 @@ const path = require("node:path");
 const { Browser, serve } = require("../../examples/video_tracker/browser.js");
 const { Figures } = require("./measures.js");
 
-const [chromium, page, out] = process.argv.slice(2);
+const [chromium, page, out, another] = process.argv.slice(2);
 const flags = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan"];
 const figures = new Figures();
 const figure = figures.add.bind(figures);
@@ -26,7 +26,7 @@ const frames = [
     { what: "the head turned", parts: "{ pose: pose.map((x, i) => (i === 1 ? x + 0.3 : x)) }", size: [128, 128] },
     { what: "from the side", parts: "{ motion: seen(0.7, 0.2, 1) }", size: [96, 96] },
     { what: "from near, wide", parts: "{ motion: seen(-0.4, 0, 2.4) }", size: [200, 88] },
-    { what: "384 x 384", parts: "{ motion: seen(0, 0, 1) }", size: [384, 384] },
+    { what: "300 x 300", parts: "{ motion: seen(0, 0, 1) }", size: [300, 300] },
     { what: "41 x 67: long lists", parts: "{ lookAt: [0.3, 0.2, 3] }", size: [41, 67] },
     { what: "another background", parts: "{ background: behind }", size: [128, 128] },
 ];
@@ -65,8 +65,8 @@ async function visit(b, url) {
     return b.evaluate("gazePage.last");
 }
 
-async function drawsAlike(b, url) {
-    const last = await visit(b, `${url}?draw=webgpu`);
+async function drawsAlike(b, url, frames) {
+    const last = await visit(b, url);
     if (last.by !== "webgpu") {
         if (!/^(this browser has no WebGPU|WebGPU has )/.test(last.note)) throw new Error(`WebGPU draws nothing: ${last.note}`);
         console.log(`not run: gaze_page: pictures by WebGPU: ${last.note}`);
@@ -93,10 +93,18 @@ async function drawsAlike(b, url) {
         if (got.by !== "webgpu,webgpu") throw new Error(`${f.what}: drawn by ${got.by}: ${got.note}`);
         const least = Math.min(got.picture, ...got.features);
         figure(`${f.what} [dB]`, [got.picture, ...got.features].map((x) => x.toFixed(1)).join(", "),
-               least >= 60 && got.filled > 0.05 && got.opaque, "at least 60");
+               least >= 80 && got.filled > 0.05 && got.opaque, "at least 80");
         if (!got.same) figure(`${f.what}: two draws`, "differ", false, "the same bytes");
     }
     figure("two draws of each frame", "the same", true, "the same bytes");
+    const grown = await b.evaluate(`(async () => {
+        const sum = async () => new Uint8Array((await draw({ width: 64, height: 64 })).picture)
+            .reduce((h, byte) => (Math.imul(h, 16777619) ^ byte) >>> 0, 2166136261);
+        const right = await sum();
+        drawing.splats.most = 1000;
+        return [right === await sum(), drawing.splats.most > 1000];
+    })()`, worker);
+    figure("lists that had no room: the same bytes, more room", grown.join(), grown.join() === "true,true", "true,true");
     return true;
 }
 
@@ -138,6 +146,27 @@ async function losesNothing(b, url) {
     server.close();
 }
 
+async function inPackage(b, url) {
+    await b.call("Page.navigate", { url });
+    await b.until("window.head !== undefined", 60000);
+    const pack = await b.evaluate(`(async () => {
+        const { Head } = await import("./head.mjs"), bytes = await (await fetch("head.avatar")).arrayBuffer();
+        const head = await Head.open(bytes.slice(0), { draw: "webgpu" });
+        const parts = { gaze: [0, 0.2, 0, 0.2], width: 64 };
+        const [a, c] = await Promise.all([head.draw(parts), head.draw({ gaze: [0, -0.2, 0, -0.2], width: 64 })]);
+        const other = await (await Head.open(bytes, { draw: "wasm" })).draw(parts);
+        const fault = await Head.open("head.avatar", { draw: "gl" }).then(() => "", (e) => e.message);
+        const short = await head.draw({ background: [1] }).then(() => "", (e) => e.message);
+        const off = (p, q) => p.picture.data.reduce((m, x, i) => Math.max(m, Math.abs(x - q.picture.data[i])), 0);
+        return { by: [a.by, c.by, other.by].join(), apart: off(a, other), turned: off(a, c), fault, short };
+    })()`);
+    figure("rye-head: drawn by", pack.by, pack.by === "webgpu,webgpu,wasm", "webgpu,webgpu,wasm");
+    figure("... off WebAssembly, and off another gaze", `${pack.apart}, ${pack.turned}`,
+           pack.apart <= 1 && pack.turned > 4, "at most 1, above 4");
+    figure("... a wrong `draw`, a wrong background are errors", "", /^draw: got gl/.test(pack.fault) &&
+           /^background: got 1 numbers/.test(pack.short), "by name");
+}
+
 async function main() {
     if (!out) throw new Error("webgpu.js: expected CHROMIUM PAGE OUT");
     fs.mkdirSync(out, { recursive: true });
@@ -145,7 +174,11 @@ async function main() {
     const url = `http://127.0.0.1:${server.address().port}/`;
     const b = await Browser.start(chromium, [1280, 860], flags);
     try {
-        if (await drawsAlike(b, url)) await losesNothing(b, url);
+        if (await drawsAlike(b, `${url}?draw=webgpu`, frames)) {
+            if (another) await drawsAlike(b, `${url}?draw=webgpu&avatar=${another}`, [frames[1], frames[6], frames[8]]);
+            await losesNothing(b, url);
+            await inPackage(b, `${url}npm/example.html`);
+        }
         figure("errors of the page and of the console", String(b.faults.length), b.faults.length === 0, "0");
         for (const fault of b.faults) console.log(`  ${fault}`);
     } finally {
