@@ -6,6 +6,11 @@
 # AVATAR, or with "-", the avatar is left out, and the page asks for a file. Needs emscripten (Debian:
 # apt-get install emscripten), Eigen and xsimd; installs nothing. From the environment:
 #   EIGEN, XSIMD   folders of these
+#   POSTER         a picture that the page shows until the first of its own; what is no .webp is
+#                  converted by ffmpeg
+#   MEDIAPIPE      a folder that npm made of @mediapipe/tasks-vision, and
+#   LANDMARKER     face_landmarker.task: with both, the page's camera finds the visitor's face, and the
+#                  page may reach its own host alone
 #   MORE           a source in C that is linked as well, for tests
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
@@ -21,6 +26,14 @@ eigen=${EIGEN:-/usr/include/eigen3}
 xsimd=${XSIMD:-/usr/include/xsimd}
 [ -d "$eigen/Eigen" ] || fail "no Eigen in $eigen; name its folder in EIGEN"
 [ -d "$xsimd" ] || fail "no xsimd in $xsimd; name its folder in XSIMD"
+
+poster=${POSTER:-}
+[ -z "$poster" ] || [ -f "$poster" ] || fail "got the poster '$poster', expected a picture"
+mediapipe=${MEDIAPIPE:-}
+landmarker=${LANDMARKER:-}
+[ -z "$mediapipe" ] || [ -f "$mediapipe/vision_bundle.mjs" ] ||
+    fail "got MEDIAPIPE '$mediapipe', expected a folder with vision_bundle.mjs (npm install --ignore-scripts @mediapipe/tasks-vision@1.1.0)"
+[ -z "$mediapipe" ] || [ -f "$landmarker" ] || fail "got LANDMARKER '$landmarker', expected face_landmarker.task"
 
 mkdir -p "$out/objects/headers"
 # The folder above xsimd's has headers of the host's C library, which must not be seen.
@@ -68,9 +81,32 @@ em++ $flags $objects -o "$out/rye.js" -sALLOW_MEMORY_GROWTH=1 -sINITIAL_MEMORY=6
     cat "$here/webgpu/device.js" "$here/webgpu/splats.js" "$here/webgpu/network.js" "$here/webgpu/drawing.js"
 } > "$out/webgpu.js"
 
-for file in index.html style.css page.js worker.js camera.js; do
+for file in style.css page.js worker.js camera.js face.js visitor.js; do
     cp "$here/$file" "$out/$file"
 done
+rm -f "$out/poster.webp"
+case $poster in
+    '') ;;
+    *.webp) cp "$poster" "$out/poster.webp" ;;
+    *)
+        command -v ffmpeg > /dev/null || fail "$poster: got no .webp, expected ffmpeg to convert it"
+        ffmpeg -v error -y -i "$poster" -frames:v 1 "$out/poster.webp" < /dev/null ||
+            fail "$poster: ffmpeg did not read it as a picture, or writes no .webp"
+        ;;
+esac
+rm -rf "$out/mediapipe"
+if [ -n "$mediapipe" ]; then
+    mkdir -p "$out/mediapipe/wasm"
+    cp "$mediapipe/vision_bundle.mjs" "$landmarker" "$out/mediapipe/"
+    [ "$(basename "$landmarker")" = face_landmarker.task ] ||
+        mv "$out/mediapipe/$(basename "$landmarker")" "$out/mediapipe/face_landmarker.task"
+    cp "$mediapipe"/wasm/vision_wasm_internal.* "$out/mediapipe/wasm/"
+fi
+policy="connect-src 'self' data: blob:"
+sed -e "s|<!-- visitor -->|<script src=\"face.js\"></script><script src=\"visitor.js\"></script>|" \
+    ${poster:+-e 's|<!-- poster -->|<img class="poster" id="poster" src="poster.webp" alt="">|'} \
+    ${mediapipe:+-e "s|<title>|<meta http-equiv=\"Content-Security-Policy\" content=\"$policy\">&|"} \
+    "$here/index.html" > "$out/index.html"
 # The same as a package for npm, whose example is npm/example.html.
 mkdir -p "$out/npm"
 version=$(sed -n 's/#define RYE_VERSION_[A-Z]* \([0-9]*\)/\1/p' "$root/include/rye/core/config.hpp" | paste -sd .)

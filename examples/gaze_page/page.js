@@ -59,14 +59,12 @@ function pose() {
     return [...axisAngle(r), ...plus(avatar.head, times(r, middle), -1)];
 }
 
-/// The angles at which both eyes look at a point that the pointer shows, before the screen.
-function gazeAt([across, up]) {
+/// The angles at which both eyes look at a point: to the right of the middle of the head as the page shows
+/// it, above, and before it.
+function gazeTo([across, up, before]) {
     const [right, above, toward] = orbit.axes();
     const p = pose(), r = rotation(p.slice(0, 3));
-    // On a screen where a visitor would be, which spans 60 degrees: eyes turn in by some 6.
-    const before = 5.2 * avatar.radius, half = 3 * avatar.radius;
-    let target = plus(avatar.head, toward, before);
-    target = plus(plus(target, right, half * across), above, half * up);
+    const target = plus(plus(plus(avatar.head, toward, before), right, across), above, up);
     const angles = [];
     for (const eye of [0, 1]) {
         const centre = plus(times(r, avatar.eyes.slice(3 * eye, 3 * eye + 3).map((x) => x * avatar.scale)),
@@ -76,6 +74,12 @@ function gazeAt([across, up]) {
         angles.push(...within(eye, pitch, yaw));
     }
     return angles;
+}
+/// Those at a point that the pointer shows, on a screen where a visitor would be, which spans 60 degrees:
+/// eyes turn in by some 6.
+function gazeAt([across, up]) {
+    const half = 3 * avatar.radius;
+    return gazeTo([half * across, half * up, 5.2 * avatar.radius]);
 }
 /// Angles clamped to the ranges of the training frames.
 const within = (eye, pitch, yaw) =>
@@ -104,6 +108,7 @@ function show(drawn) {
     }
     if (drawn.bitmap) context.drawImage(drawn.bitmap, 0, 0);
     else context.putImageData(new ImageData(new Uint8ClampedArray(drawn.picture), drawn.width, drawn.height), 0, 0);
+    element("poster")?.remove();
     state.frames += 1;
     state.last = { ms: drawn.ms, work: drawn.work, by: drawn.by, note: drawn.note };
     if (state.firstPicture === null) state.firstPicture = performance.now() - begun;

@@ -6,6 +6,7 @@
 # normalises; then the head as `rye view` draws it (view.js). Where emscripten, node or Chromium is missing
 # it says so and ends with 77. From the environment:
 #   CHROMIUM   the browser (default: chromium, chromium-browser or google-chrome)
+#   MEDIAPIPE and LANDMARKER   as for build.sh: then visitor.js shows the page's camera a face
 #   AVATAR and REFERENCE, DRIVERS   instead of its own: an avatar file, a picture of it by
 #              `rye redirect`, and the gazes of that (left pitch, yaw, right pitch, yaw [degrees])
 set -eu
@@ -53,10 +54,18 @@ EOF
         --out "$work/doubled" >> "$work/train.log"
     "$rye" export --run "$work/doubled" --out "$work/doubled.avatar"
 fi
-MORE="$here/features.c" sh "$here/../../examples/gaze_page/build.sh" "$avatar" "$work/page"
+poster=
+! command -v ffmpeg > /dev/null || poster=$reference
+MORE="$here/features.c" POSTER="$poster" sh "$here/../../examples/gaze_page/build.sh" "$avatar" "$work/page"
 doubled=
 [ ! -f "$work/doubled.avatar" ] || { doubled=doubled.avatar; cp "$work/$doubled" "$work/page/"; }
 node "$here/test.js" "$chromium" "$work/page" "$reference" "$drivers" "$work/pictures"
 node "$here/webgpu.js" "$chromium" "$work/page" "$work/pictures" ${doubled:+"$doubled"}
+node "$here/face.js"
+if [ -z "${MEDIAPIPE:-}" ] || [ -z "$poster" ] || [ ! -d "$work/capture" ]; then
+    echo "not run: gaze_page: the page's camera: MEDIAPIPE, ffmpeg or a capture is missing"
+else
+    node "$here/visitor.js" "$chromium" "$work/page" "$work/capture" "$work/pictures"
+fi
 [ -d "$work/run" ] || exit 0
 node "$here/view.js" "$chromium" "$rye" "$work/run" "$reference" "$drivers" "$work/pictures"

@@ -65,7 +65,7 @@ async function visit(b, url) {
     return b.evaluate("gazePage.last");
 }
 
-async function drawsAlike(b, url, frames) {
+async function drawsAlike(b, url, frames, picture) {
     const last = await visit(b, url);
     if (last.by !== "webgpu") {
         if (!/^(this browser has no WebGPU|WebGPU has )/.test(last.note)) throw new Error(`WebGPU draws nothing: ${last.note}`);
@@ -76,7 +76,7 @@ async function drawsAlike(b, url, frames) {
     const { gaussians, channels } = await b.evaluate("gazePage.avatar");
     console.log(`by WebGPU on SwiftShader: ${gaussians} Gaussians of ${channels} channels; ` +
                 `[dB] to the headers: the picture; the render at ${presets.join(", ")}`);
-    await b.screenshot(path.join(out, "webgpu.png"));
+    await b.screenshot(path.join(out, picture));
     await b.evaluate("document.getElementById('alive').checked = false; true");
     await b.until("!busy && !gazePage.lives && Object.keys(wanted).length === 0", 60000);
     const scene = await b.evaluate(`(() => {
@@ -174,8 +174,9 @@ async function main() {
     const url = `http://127.0.0.1:${server.address().port}/`;
     const b = await Browser.start(chromium, [1280, 860], flags);
     try {
-        if (await drawsAlike(b, `${url}?draw=webgpu`, frames)) {
-            if (another) await drawsAlike(b, `${url}?draw=webgpu&avatar=${another}`, [frames[1], frames[6], frames[8]]);
+        if (await drawsAlike(b, `${url}?draw=webgpu`, frames, "webgpu.png")) {
+            if (another) await drawsAlike(b, `${url}?draw=webgpu&avatar=${another}`, [frames[1], frames[6], frames[8]],
+                                              "doubled.png");
             await losesNothing(b, url);
             await inPackage(b, `${url}npm/example.html`);
         }
