@@ -74,6 +74,7 @@ em++ $flags $objects -o "$out/rye.js" -sALLOW_MEMORY_GROWTH=1 -sINITIAL_MEMORY=6
         # shellcheck disable=SC2016 # a text of JavaScript, not of a shell
         if grep -q '[\\$]' "$shader"; then fail "$shader: got \\ or \$, expected neither"; fi
         printf '%s: `' "$(basename "$shader" .wgsl)"
+        # shellcheck disable=SC2016 # likewise
         sed 's/`/\\`/g' "$shader"
         echo '`,'
     done

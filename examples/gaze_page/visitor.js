@@ -117,6 +117,8 @@
         expressionSliders.forEach((s, i) => s.set(expression[i]));
         const angles = Face.gaze(names, scores);
         if (angles) goal = [0, 1].flatMap((eye) => within(eye, ...angles.slice(2 * eye, 2 * eye + 2)));
-        want({ expression });
+        gaze = [...goal];      // as soon as the expression
+        showGaze();
+        want({ gaze, expression });
     }
 })();
