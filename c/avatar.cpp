@@ -103,8 +103,9 @@ void set_pair(const Columns<float>& from, float (&to)[2][2]) {
 
 void check_driven(const rye_avatar& avatar) {
     if (!avatar.driven)
-        throw Failure(RYE_ERROR_STATE,
-                      "rye_avatar_draw has drawn no picture, nor rye_avatar_drive moved a Gaussian");
+        throw Failure(
+            RYE_ERROR_STATE,
+            "rye_avatar_draw has drawn no picture, nor rye_avatar_drive moved a Gaussian");
 }
 
 } // namespace

@@ -152,7 +152,9 @@ function start(address, wasm = null) {
         notice(`The page could not start: ${fault.message || "WebAssembly with SIMD is needed"}`, true);
         state.errors.push(String(fault.message));
     };
-    worker.postMessage({ start: wasm, by: options.get("draw") ?? "auto" });
+    const by = options.get("draw");
+    worker.postMessage({ start: wasm, by: by ?? "auto" });
+    if (![null, "wasm", "webgpu"].includes(by)) throw new Error(`?draw: got ${by}, expected wasm or webgpu`);
 }
 
 /// Eyes move to their goal in a few pictures, as eyes do, and end exactly there. Where nobody has moved

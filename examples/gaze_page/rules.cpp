@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rules.cpp: the numbers of the accuracy policies that WebGPU draws by, from the headers: one formula
-/// for all presets that have the rules of Balanced.
+/// rules.cpp: the numbers of the accuracy policies that WebGPU draws by, from the headers: one
+/// formula for all presets that have the rules of Balanced.
 #include <type_traits>
 
 #include <emscripten/emscripten.h>

@@ -138,9 +138,9 @@ async function draw(wanted) {
     if (wanted.pose) write(rye._page_pose(), wanted.pose);
     if (wanted.motion) write(rye._page_motion(), wanted.motion);
     if (wanted.background) {
-        const { channels } = shapeOfNetwork();
-        if (wanted.background.length !== channels || !wanted.background.every(Number.isFinite))
-            throw new Error(`background: got ${wanted.background.length} numbers, expected ${channels} that are finite`);
+        const { channels } = shapeOfNetwork(), { length } = wanted.background;
+        if (length !== channels || !wanted.background.every(Number.isFinite))
+            throw new Error(`background: got ${length} numbers, expected ${channels} that are finite`);
         write(rye._page_background(), wanted.background);
     }
     if (wanted.lookAt) check(rye._page_look(...wanted.lookAt));
@@ -152,10 +152,9 @@ async function draw(wanted) {
     picture ||= byWasm(idle, width, height);
     const ms = performance.now() - begun;
     const [gaussians, tiles, pixels] = rye.HEAP32.subarray(rye._page_work() >> 2);
-    return {
-        picture, width, height, ms, by: gpu ? "webgpu" : "wasm", note,
-        work: gpu ? { gaussians, tiles: drawing.splats.tiles, pixels: width * height } : { gaussians, tiles, pixels },
-    };
+    const work = gpu ? { gaussians, tiles: drawing.splats.tiles, pixels: width * height }
+                     : { gaussians, tiles, pixels };
+    return { picture, width, height, ms, by: gpu ? "webgpu" : "wasm", note, work };
 }
 
 async function act(data) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* features.c: for webgpu.js, linked into the page that is tested: the features of the Gaussians that
- * page_drive moved, drawn by the headers at an accuracy of rye_accuracy. Null on failure. */
+/* features.c: for webgpu.js, linked into the page that is tested: the features of the Gaussians
+ * that page_drive moved, drawn by the headers at an accuracy of rye_accuracy. Null on failure. */
 #include <stdlib.h>
 
 #include <emscripten/emscripten.h>

@@ -245,6 +245,9 @@ async function main() {
             b.faults.length = 0;
         }
 
+        await b.call("Page.navigate", { url: `${url}?draw=gl` });
+        await b.until("window.gazePage && document.getElementById('notice').textContent.includes('?draw: got gl')", 20000);
+
         // The package for npm: its example, a picture that is the page's, a damaged file.
         await b.view(...desktop, false);
         await b.call("Page.navigate", { url: `${url}npm/example.html` });

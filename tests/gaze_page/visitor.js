@@ -105,6 +105,9 @@ async function main() {
                 await b.evaluate("document.getElementById('drive').click()");
                 await b.until(`${said} === "" && document.getElementById("drive").getAttribute("aria-pressed") === "false"`, 5000);
             }
+            const beyond = await b.evaluate(`performance.getEntriesByType("resource").map((e) => e.name)
+                .filter((name) => !name.startsWith(location.origin) && !/^(data|blob):/.test(name))`);
+            figure("addresses beyond the page's host", beyond.join(" ") || "none", beyond.length === 0, "none");
             const faults = b.faults.filter((text) => !/^([WI]\d{4} |INFO: )/.test(text));  // MediaPipe's words
             figure("errors of the page and of the console", String(faults.length), faults.length === 0, "0");
             for (const fault of faults) console.log(`  ${fault}`);

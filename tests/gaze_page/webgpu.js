@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // webgpu.js CHROMIUM PAGE OUT [AVATAR]: the pictures that the gaze page in PAGE draws by WebGPU, on
-// SwiftShader's adapter, of its avatar and of another file there, against those of the headers in the same module, pixel by pixel; and that nothing is lost
-// where there is no device, where it is lost, or where a shader is wrong. PAGE was built with
-// MORE=features.c. Prints each figure with its bound, writes screenshots to OUT, and fails if a bound
-// does not hold. Where Chromium offers no adapter it says so.
+// SwiftShader's adapter, of its avatar and of another file there, against those of the headers in the
+// same module, pixel by pixel; and that nothing is lost where there is no device, where it is lost, or
+// where a shader is wrong. PAGE was built with MORE=features.c. Prints each figure with its bound,
+// writes screenshots to OUT, and fails if a bound does not hold. Where Chromium offers no adapter it says so.
 "use strict";
 
 const fs = require("node:fs");
@@ -28,6 +28,7 @@ const frames = [
     { what: "from near, wide", parts: "{ motion: seen(-0.4, 0, 2.4) }", size: [200, 88] },
     { what: "300 x 300", parts: "{ motion: seen(0, 0, 1) }", size: [300, 300] },
     { what: "41 x 67: long lists", parts: "{ lookAt: [0.3, 0.2, 3] }", size: [41, 67] },
+    { what: "eyes that live by themselves", parts: "{ idle: 12.5 }", size: [128, 128] },
     { what: "another background", parts: "{ background: behind }", size: [128, 128] },
 ];
 
@@ -35,13 +36,13 @@ const frames = [
 /// each preset [dB] between the features, whether both draws are the same bytes.
 const compare = ({ parts, size: [width, height] }) => `(async () => {
     const { low, high, pose, seen, behind } = self.scene;
-    const parts = ${parts}, db = (a, b, peak) => {
+    const parts = ${parts}, { idle = -1 } = parts, db = (a, b, peak) => {
         let sum = 0;
         for (let i = 0; i < a.length; ++i) sum += (a[i] - b[i]) ** 2;
         return 10 * Math.log10((peak * peak) / Math.max(sum / a.length, 1e-12 * peak * peak));
     };
     const first = await draw({ ...parts, width: ${width}, height: ${height} });
-    const again = await draw({ width: ${width}, height: ${height} });
+    const again = await draw({ idle, width: ${width}, height: ${height} });
     const lists = [];
     for (const accuracy of [0, 1, 2]) {
         const got = await drawing.features(frame(${width}, ${height}, accuracy));
@@ -50,7 +51,7 @@ const compare = ({ parts, size: [width, height] }) => `(async () => {
         lists.push(db(got, here(at, got.length), 1));
     }
     const a = new Uint8Array(first.picture), b = new Uint8Array(again.picture);
-    const right = new Uint8Array(byWasm(-1, ${width}, ${height}));
+    const right = new Uint8Array(byWasm(idle, ${width}, ${height}));
     const colours = (x) => x.filter((_, i) => i % 4 !== 3);
     return { by: [first.by, again.by].join(), note: first.note, same: a.every((x, i) => x === b[i]),
              picture: db(colours(a), colours(right), 255), features: lists,
@@ -175,12 +176,21 @@ async function losesNothing(b, url) {
     figure("without ?draw, on software: drawn by", automatic.by, last.by === "wasm" && automatic.by === "wasm" &&
            /software/.test(automatic.note), "wasm, and a note");
 
-    const broken = path.join(out, "broken");
-    fs.mkdirSync(broken, { recursive: true });
-    fs.writeFileSync(path.join(broken, "webgpu.js"), fs.readFileSync(path.join(page, "webgpu.js"), "utf8")
-        .replace("let inside = pixel.x", "let inside = pixels.x"));
-    const server = await serve([broken, page]);
-    const wrong = await visit(b, `http://127.0.0.1:${server.address().port}/?draw=webgpu`);
+    // The same page with another text in webgpu.js.
+    const other = path.join(out, "other"), text = fs.readFileSync(path.join(page, "webgpu.js"), "utf8");
+    fs.mkdirSync(other, { recursive: true });
+    const server = await serve([other, page]), address = `http://127.0.0.1:${server.address().port}/`;
+    const put = (from, to) => {
+        if (!text.includes(from)) throw new Error(`webgpu.js has no ${from}`);
+        fs.writeFileSync(path.join(other, "webgpu.js"), text.replace(from, to));
+    };
+    put("if (!software &&", "if (false &&");
+    const early = await visit(b, address);
+    await b.until("gazePage.last.by === 'webgpu' || (busy || gazePage.show({}), false)", 120000);
+    figure("without ?draw, as if on hardware: drawn by", `${early.by}, ${await b.evaluate("gazePage.last.by")}`,
+           early.by === "wasm", "wasm, webgpu");
+    put("let inside = pixel.x", "let inside = pixels.x");
+    const wrong = await visit(b, `${address}?draw=webgpu`);
     figure("a wrong shader: drawn by", wrong.by, wrong.by === "wasm" && wrong.note.startsWith("blend.wgsl:"), "wasm, and its name");
     await b.evaluate(shown);
     figure("... the picture is WebAssembly's", String(await b.evaluate(sum) === right), await b.evaluate(sum) === right, "true");

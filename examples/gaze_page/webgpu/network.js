@@ -32,7 +32,8 @@ class RyeNetwork {
             this.made.push(buffer);
             return buffer;
         };
-        const layer = (...numbers) => keep(gpu.holding(Uint32Array.of(...numbers, cutWidth, cutHeight), GPUBufferUsage.UNIFORM));
+        const layer = (...numbers) =>
+            keep(gpu.holding(Uint32Array.of(...numbers, cutWidth, cutHeight), GPUBufferUsage.UNIFORM));
         const squares = (w, h) => [Math.ceil(w / 8), Math.ceil(h / 8)];
         /// An image { buffer, width, height, channels, stride, rectified }, enlarged.
         const doubled = (image) => {
@@ -42,7 +43,8 @@ class RyeNetwork {
             this.steps.push(gpu.step(pipelines.double, [numbers, image.buffer, buffer], squares(w, h)));
             return { buffer, width: w, height: h, channels, stride: channels, rectified: 0 };
         };
-        const given = { buffer: render, width, height, channels: shape.channels, stride: shape.channels, rectified: 0 };
+        const { channels } = shape;
+        const given = { buffer: render, width, height, channels, stride: channels, rectified: 0 };
         let image = given;
         for (let l = 0; l < 2 * (shape.doublings + 1); ++l) {
             if (l > 0 && l % 2 === 0) image = doubled(image);
@@ -59,7 +61,8 @@ class RyeNetwork {
         let base = { ...given, channels: 3 };
         if (shape.skip) for (let d = 0; d < shape.doublings; ++d) base = doubled(base);
         this.bytes = keep(gpu.storage(4 * cutWidth * cutHeight, GPUBufferUsage.COPY_SRC));
-        const numbers = layer(image.width, image.height, image.channels, image.stride, shape.skip ? base.stride : 0, 1);
+        const numbers = layer(image.width, image.height, image.channels, image.stride,
+                              shape.skip ? base.stride : 0, 1);
         this.steps.push(gpu.step(pipelines.picture, [numbers, image.buffer, this.last, base.buffer, this.bytes],
                                  squares(cutWidth, cutHeight)));
     }

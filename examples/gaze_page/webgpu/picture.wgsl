@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// picture.wgsl: the last layer of the network (rye/nn/upsampler.hpp), and its picture in bytes: red,
-// green, blue, and 255.
+// picture.wgsl: the last layer of the network (rye/nn/upsampler.hpp), and its picture in bytes:
+// red, green, blue, and 255.
 
 @group(0) @binding(0) var<uniform> layer: Layer;
 @group(0) @binding(1) var<storage, read> image: array<f32>;
