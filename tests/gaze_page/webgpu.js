@@ -189,6 +189,12 @@ async function losesNothing(b, url) {
     await b.until("gazePage.last.by === 'webgpu' || (busy || gazePage.show({}), false)", 120000);
     figure("without ?draw, as if on hardware: drawn by", `${early.by}, ${await b.evaluate("gazePage.last.by")}`,
            early.by === "wasm", "wasm, webgpu");
+    await b.until("!busy", 60000);
+    await b.evaluate("drawing.splats.most = 2 ** 29; true", b.workers.at(-1));
+    const large = await b.evaluate(shown);
+    figure("lists beyond what the device holds: drawn by", large.by,
+           large.by === "wasm" && /^a buffer would take 6442450944 bytes/.test(large.note), "wasm, and a note");
+    figure("... the picture is WebAssembly's", String(await b.evaluate(sum) === right), await b.evaluate(sum) === right, "true");
     put("let inside = pixel.x", "let inside = pixels.x");
     const wrong = await visit(b, `${address}?draw=webgpu`);
     figure("a wrong shader: drawn by", wrong.by, wrong.by === "wasm" && wrong.note.startsWith("blend.wgsl:"), "wasm, and its name");
