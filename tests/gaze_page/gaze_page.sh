@@ -29,7 +29,7 @@ avatar=${AVATAR:-$work/head.avatar}
 reference=${REFERENCE:-$work/reference.png}
 drivers=${DRIVERS:-8,-12,4,-16}
 if [ -z "${AVATAR:-}" ]; then
-    rm -rf "$work/capture" "$work/run"
+    rm -rf "$work/capture" "$work/run" "$work/doubled" "$work/doubled.avatar"
     "$rye" capture --out "$work/capture" --size 256 --cameras 3 --frames 6 --test-frames 1 \
         --apart-frames 1 --samples 1 --quiet
     cat > "$work/short.json" << 'EOF'
