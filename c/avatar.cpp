@@ -29,9 +29,10 @@ struct rye_avatar {
     AvatarPlayer<LibraryBackend> player;
     HeadPlace<float> place;
     std::vector<const char*> names;
+    std::vector<const float*> convolution;
     std::optional<IdleEyes> idle;
     std::uint64_t idle_seed = 0;
-    bool drawn = false;
+    bool driven = false;
 
     rye_avatar(const rye_options& o, PlayableAvatar<float> p)
         : pool(o.threads),
@@ -39,6 +40,8 @@ struct rye_avatar {
           player(LibraryBackend{pool.threads()}, playable),
           place(head_place(playable)) {
         for (const std::string& name : playable.expression_names) names.push_back(name.c_str());
+        for (const Columns<float>& w : playable.avatar.upsampler.conv)
+            convolution.push_back(w.data());
     }
     rye_avatar(const rye_avatar&) = delete;
     rye_avatar& operator=(const rye_avatar&) = delete;
@@ -96,6 +99,13 @@ void to_bytes(const Image<float>& image, std::uint8_t* to) {
 void set_pair(const Columns<float>& from, float (&to)[2][2]) {
     for (Index eye = 0; eye < 2; ++eye)
         for (Index angle = 0; angle < 2; ++angle) to[eye][angle] = from(angle, eye);
+}
+
+void check_driven(const rye_avatar& avatar) {
+    if (!avatar.driven)
+        throw Failure(
+            RYE_ERROR_STATE,
+            "rye_avatar_draw has drawn no picture, nor rye_avatar_drive moved a Gaussian");
 }
 
 } // namespace
@@ -241,12 +251,12 @@ rye_status rye_avatar_draw(rye_avatar* avatar, const rye_drivers* drivers, const
         VecX<float> behind = p.background;
         if (background != nullptr)
             behind = Eigen::Map<const VecX<float>>(background, p.config.channels);
-        avatar->drawn = false; // until the picture is complete
+        avatar->driven = false; // until the picture is complete
         const Image<float>& image = avatar->player.draw(d, camera_of(camera), behind);
         if (picture->rgb != nullptr)
             std::copy_n(image.pixels.data(), image.pixels.size(), picture->rgb);
         if (picture->rgba != nullptr) to_bytes(image, picture->rgba);
-        avatar->drawn = true;
+        avatar->driven = true;
     });
 }
 
@@ -254,7 +264,7 @@ rye_status rye_avatar_last_work(const rye_avatar* avatar, rye_avatar_work* work)
     return guarded([&] {
         check_pointer(avatar, "avatar");
         check_struct(work, "work");
-        if (!avatar->drawn) throw Failure(RYE_ERROR_STATE, "rye_avatar_draw has drawn no picture");
+        check_driven(*avatar);
         const PlayedWork& w = avatar->player.work();
         work->networks = static_cast<std::int32_t>(w.networks);
         work->gaussians = w.gaussians;
@@ -267,7 +277,7 @@ rye_status rye_avatar_gaussians(const rye_avatar* avatar, rye_cloud* cloud) {
     return guarded([&] {
         check_pointer(avatar, "avatar");
         check_struct(cloud, "cloud");
-        if (!avatar->drawn) throw Failure(RYE_ERROR_STATE, "rye_avatar_draw has drawn no picture");
+        check_driven(*avatar);
         const Gaussians<float>& g = avatar->player.gaussians();
         cloud->channels = static_cast<std::int32_t>(g.channels());
         cloud->count = g.count();
@@ -276,6 +286,32 @@ rye_status rye_avatar_gaussians(const rye_avatar* avatar, rye_cloud* cloud) {
         cloud->scale = g.scale.data();
         cloud->opacity = g.opacity.data();
         cloud->feature = g.feature.data();
+    });
+}
+
+rye_status rye_avatar_drive(rye_avatar* avatar, const rye_drivers* drivers) {
+    return guarded([&] {
+        check_pointer(avatar, "avatar");
+        const Drivers<float> d = drivers_of(*avatar, drivers);
+        avatar->driven = false; // until all Gaussians are where they belong
+        avatar->player.drive(d);
+        avatar->driven = true;
+    });
+}
+
+rye_status rye_avatar_upsampler(const rye_avatar* avatar, rye_upsampler* upsampler) {
+    return guarded([&] {
+        check_pointer(avatar, "avatar");
+        check_struct(upsampler, "upsampler");
+        const Upsampler<float>& u = avatar->playable.avatar.upsampler;
+        upsampler->channels = u.shape.in_channels;
+        upsampler->capacity = u.shape.capacity;
+        upsampler->doublings = u.shape.doublings;
+        upsampler->normalized = u.shape.norm == Normalization::instance ? 1 : 0;
+        upsampler->skip = u.shape.skip ? 1 : 0;
+        upsampler->convolution = avatar->convolution.data();
+        upsampler->out_weight = u.out_weight.data();
+        upsampler->out_bias = u.out_bias.data();
     });
 }
 

@@ -17,7 +17,10 @@ static rye_drivers drivers;
 static rye_camera camera;
 static rye_avatar_info info;
 static rye_picture picture;
+static rye_cloud cloud;
+static rye_upsampler network;
 static float expression[most_expressions], living[most_expressions];
+static float* background; /* a number for each channel */
 
 EMSCRIPTEN_KEEPALIVE const char* page_message(void) { return rye_message(); }
 
@@ -27,15 +30,23 @@ EMSCRIPTEN_KEEPALIVE int page_open(const char* name, const void* bytes, int size
     const rye_camera no_camera = RYE_INIT(rye_camera);
     const rye_avatar_info no_info = RYE_INIT(rye_avatar_info);
     const rye_picture no_picture = RYE_INIT(rye_picture);
+    const rye_upsampler no_network = RYE_INIT(rye_upsampler);
     rye_avatar_close(avatar);
     avatar = NULL;
     free(picture.rgba);
+    free(background);
+    background = NULL;
     drivers = no_drivers, camera = no_camera, info = no_info, picture = no_picture;
+    network = no_network;
     rye_status status = rye_avatar_open_memory(name, bytes, (size_t)size, NULL, &avatar);
     if (status == RYE_OK) status = rye_avatar_describe(avatar, &info);
     if (status == RYE_OK) status = rye_avatar_neutral(avatar, &drivers, &camera);
+    if (status == RYE_OK) status = rye_avatar_upsampler(avatar, &network);
     if (status != RYE_OK) return status;
     if (info.expression_count > most_expressions) return -1;
+    background = malloc(sizeof(float) * (size_t)info.channels);
+    if (background == NULL) return RYE_ERROR_MEMORY;
+    memcpy(background, info.background, sizeof(float) * (size_t)info.channels);
     if (info.expression_count > 0)
         memcpy(expression, drivers.expression, sizeof(float) * (size_t)info.expression_count);
     drivers.expression = expression;
@@ -82,16 +93,64 @@ EMSCRIPTEN_KEEPALIVE int page_look(float x, float y, float z) {
     return rye_avatar_gaze_at(avatar, &drivers, point, 0.8f, NULL);
 }
 
+static rye_status alive(rye_drivers* moved, double seconds, float range) {
+    *moved = drivers;
+    return seconds < 0 ? RYE_OK : rye_avatar_idle(avatar, moved, living, 1, seconds, range);
+}
+
 /* Draws; with `seconds` from 0 on, the eyes have lived by themselves for so long, within `range`. */
 EMSCRIPTEN_KEEPALIVE int page_draw(double seconds, float range) {
-    rye_drivers moved = drivers;
-    if (seconds >= 0) {
-        const rye_status status = rye_avatar_idle(avatar, &moved, living, 1, seconds, range);
-        if (status != RYE_OK) return status;
-    }
-    return rye_avatar_draw(avatar, &moved, &camera, NULL, &picture);
+    rye_drivers moved;
+    const rye_status status = alive(&moved, seconds, range);
+    if (status != RYE_OK) return status;
+    return rye_avatar_draw(avatar, &moved, &camera, background, &picture);
 }
 EMSCRIPTEN_KEEPALIVE const unsigned char* page_pixels(void) { return picture.rgba; }
+
+/* The feature behind the head, which page_draw and WebGPU draw over. */
+EMSCRIPTEN_KEEPALIVE float* page_background(void) { return background; }
+
+/* For WebGPU: moves the Gaussians as page_draw does, and draws nothing. Their arrays, the camera of
+ * their render, and the network after it are these. */
+EMSCRIPTEN_KEEPALIVE int page_drive(double seconds, float range) {
+    const rye_cloud no_cloud = RYE_INIT(rye_cloud);
+    rye_drivers moved;
+    rye_status status = alive(&moved, seconds, range);
+    cloud = no_cloud;
+    if (status == RYE_OK) status = rye_avatar_drive(avatar, &moved);
+    if (status == RYE_OK) status = rye_avatar_gaussians(avatar, &cloud);
+    return status;
+}
+EMSCRIPTEN_KEEPALIVE const rye_cloud* page_cloud(void) { return &cloud; }
+EMSCRIPTEN_KEEPALIVE const float* page_mean(void) { return cloud.mean; }
+EMSCRIPTEN_KEEPALIVE const float* page_rotation(void) { return cloud.rotation; }
+EMSCRIPTEN_KEEPALIVE const float* page_gaussian_scale(void) { return cloud.scale; }
+EMSCRIPTEN_KEEPALIVE const float* page_opacity(void) { return cloud.opacity; }
+EMSCRIPTEN_KEEPALIVE const float* page_feature(void) { return cloud.feature; }
+/* render_camera of rye/avatar/playable.hpp. */
+EMSCRIPTEN_KEEPALIVE const rye_camera* page_render_camera(void) {
+    static rye_camera render;
+    const int factor = 1 << network.doublings;
+    const float share = 1.0f / (float)factor;
+    render = camera;
+    render.fx *= share, render.cx *= share, render.fy *= share, render.cy *= share;
+    render.width = (camera.width + factor - 1) / factor;
+    render.height = (camera.height + factor - 1) / factor;
+    return &render;
+}
+/* fx, fy, cx, cy, near depth, width, height */
+EMSCRIPTEN_KEEPALIVE const float* page_render_lens(void) {
+    static float numbers[7];
+    const rye_camera* render = page_render_camera();
+    memcpy(numbers, &render->fx, 5 * sizeof(float));
+    numbers[5] = (float)render->width, numbers[6] = (float)render->height;
+    return numbers;
+}
+/* channels, capacity, doublings, normalized, skip */
+EMSCRIPTEN_KEEPALIVE const int* page_network(void) { return &network.channels; }
+EMSCRIPTEN_KEEPALIVE const float* page_convolution(int layer) { return network.convolution[layer]; }
+EMSCRIPTEN_KEEPALIVE const float* page_out_weight(void) { return network.out_weight; }
+EMSCRIPTEN_KEEPALIVE const float* page_out_bias(void) { return network.out_bias; }
 
 /* Of the last picture: Gaussians that moved, tiles blended, pixels computed. */
 EMSCRIPTEN_KEEPALIVE const int* page_work(void) {

@@ -7,6 +7,7 @@
 const element = (id) => document.getElementById(id);
 const canvas = element("picture");
 const context = canvas.getContext("2d", { alpha: false });
+const options = new URLSearchParams(location.search);  // ?avatar=FILE, ?draw=wasm or webgpu
 let worker = null;      // from start() on
 const degrees = 180 / Math.PI;
 const clamp = (x, low, high) => Math.min(high, Math.max(low, x));
@@ -58,14 +59,12 @@ function pose() {
     return [...axisAngle(r), ...plus(avatar.head, times(r, middle), -1)];
 }
 
-/// The angles at which both eyes look at a point that the pointer shows, before the screen.
-function gazeAt([across, up]) {
+/// The angles at which both eyes look at a point: to the right of the middle of the head as the page shows
+/// it, above, and before it.
+function gazeTo([across, up, before]) {
     const [right, above, toward] = orbit.axes();
     const p = pose(), r = rotation(p.slice(0, 3));
-    // On a screen where a visitor would be, which spans 60 degrees: eyes turn in by some 6.
-    const before = 5.2 * avatar.radius, half = 3 * avatar.radius;
-    let target = plus(avatar.head, toward, before);
-    target = plus(plus(target, right, half * across), above, half * up);
+    const target = plus(plus(plus(avatar.head, toward, before), right, across), above, up);
     const angles = [];
     for (const eye of [0, 1]) {
         const centre = plus(times(r, avatar.eyes.slice(3 * eye, 3 * eye + 3).map((x) => x * avatar.scale)),
@@ -75,6 +74,12 @@ function gazeAt([across, up]) {
         angles.push(...within(eye, pitch, yaw));
     }
     return angles;
+}
+/// Those at a point that the pointer shows, on a screen where a visitor would be, which spans 60 degrees:
+/// eyes turn in by some 6.
+function gazeAt([across, up]) {
+    const half = 3 * avatar.radius;
+    return gazeTo([half * across, half * up, 5.2 * avatar.radius]);
 }
 /// Angles clamped to the ranges of the training frames.
 const within = (eye, pitch, yaw) =>
@@ -103,8 +108,9 @@ function show(drawn) {
     }
     if (drawn.bitmap) context.drawImage(drawn.bitmap, 0, 0);
     else context.putImageData(new ImageData(new Uint8ClampedArray(drawn.picture), drawn.width, drawn.height), 0, 0);
+    element("poster")?.remove();
     state.frames += 1;
-    state.last = { ms: drawn.ms, work: drawn.work };
+    state.last = { ms: drawn.ms, work: drawn.work, by: drawn.by, note: drawn.note };
     if (state.firstPicture === null) state.firstPicture = performance.now() - begun;
     lately = [...lately.slice(-14), drawn.ms];
     const middle = [...lately].sort((a, b) => a - b)[lately.length >> 1];
@@ -112,6 +118,8 @@ function show(drawn) {
     element("moved").textContent = `${Math.round((100 * drawn.work.gaussians) / avatar.gaussians)} %`;
     element("redrawn").textContent =
         `${Math.round((100 * drawn.work.pixels) / (drawn.width * drawn.height))} %`;
+    const kinds = { webgpu: "WebGPU", wasm: "WebAssembly" };
+    element("by").textContent = kinds[drawn.by] ? kinds[drawn.by] + (drawn.note ? `: ${drawn.note}` : "") : "rye view";
     notice("");
 }
 
@@ -144,7 +152,9 @@ function start(address, wasm = null) {
         notice(`The page could not start: ${fault.message || "WebAssembly with SIMD is needed"}`, true);
         state.errors.push(String(fault.message));
     };
-    worker.postMessage({ start: wasm });
+    const by = options.get("draw");
+    worker.postMessage({ start: wasm, by: by ?? "auto" });
+    if (![null, "wasm", "webgpu"].includes(by)) throw new Error(`?draw: got ${by}, expected wasm or webgpu`);
 }
 
 /// Eyes move to their goal in a few pictures, as eyes do, and end exactly there. Where nobody has moved
@@ -409,7 +419,7 @@ window.gazePage = state;
 
 /// From a disk, where browsers let a page read no files but scripts: files.js has them.
 async function fromDisk() {
-    if (location.search) throw new Error("an address with ?avatar= needs a web server");
+    if (options.has("avatar")) throw new Error("an address with ?avatar= needs a web server");
     const script = document.createElement("script");
     script.src = "files.js";
     await new Promise((resolve, reject) => {
@@ -418,7 +428,8 @@ async function fromDisk() {
         document.head.append(script);
     });
     const bytes = (name) => Uint8Array.from(atob(window.ryeFiles[name]), (c) => c.charCodeAt(0));
-    const scripts = new Blob([bytes("rye.js"), "\n", bytes("worker.js")], { type: "text/javascript" });
+    const parts = ["rye.js", "webgpu.js", "worker.js"].flatMap((name) => [bytes(name), "\n"]);
+    const scripts = new Blob(parts, { type: "text/javascript" });
     start(URL.createObjectURL(scripts), bytes("rye.wasm").buffer);
     if (!window.ryeFiles["head.avatar"]) throw new Error("the folder has none");
     open(bytes("head.avatar").buffer, "head.avatar");
@@ -426,7 +437,7 @@ async function fromDisk() {
 
 async function fromHost() {
     start("worker.js");
-    const name = new URLSearchParams(location.search).get("avatar") || "head.avatar";
+    const name = options.get("avatar") || "head.avatar";
     const answer = await fetch(name);
     if (!answer.ok) throw new Error(`${name}: ${answer.status} ${answer.statusText}`);
     open(await answer.arrayBuffer(), name);

@@ -1,41 +1,52 @@
 // SPDX-License-Identifier: Apache-2.0
 // worker.js: rye in a thread of its own, so that the page stays responsive. Messages in:
-//   {start: ArrayBuffer or null}        the first: rye.wasm, or that it is to be read from the host
+//   {start: ArrayBuffer or null, by}    the first: rye.wasm, or that it is to be read from the host.
+//     `by`: "wasm"; "webgpu", of software too; otherwise WebGPU once it is ready, where it is hardware
 //   {open: ArrayBuffer, name}           an avatar file
-//   {draw: {gaze, expression, pose, motion, width, height}, id}   any of these; the rest stays.
-//     With `lookAt`, a point of the world, both eyes look there; with `idle`, seconds, they live by
-//     themselves, in this picture alone
-// Messages out: {opened: {...}}, {picture: ArrayBuffer, width, height, id, ms, work}, {error: text}.
+//   {draw: {gaze, expression, pose, motion, background, width, height}, id}   any of these; the rest
+//     stays. With `lookAt`, a point of the world, both eyes look there; with `idle`, seconds, they
+//     live by themselves, in this picture alone
+// Messages out: {opened: {...}}, {picture: ArrayBuffer, width, height, id, ms, work, by, note},
+// {error: text}. `by` says what drew it, `note` why that is not WebGPU.
 "use strict";
 
-// From a disk the page has put rye.js before this.
+// From a disk the page has put rye.js, and webgpu.js, before this.
 if (typeof ryeModule === "undefined") importScripts("rye.js");
 
-let rye = null, ready = null;
+let rye = null, by = "auto";
+let drawing = null;     // by WebGPU
+let note = "";          // why there is none
+let opened = 0;         // avatars
 
 const floats = (at, count) => Array.from(new Float32Array(rye.HEAPF32.buffer, at, count));
-const write = (at, values) => new Float32Array(rye.HEAPF32.buffer, at, values.length).set(values);
+const here = (at, count) => new Float32Array(rye.HEAPF32.buffer, at, count);
+const write = (at, values) => here(at, values.length).set(values);
 const check = (status) => {
     if (status !== 0) throw new Error(rye.UTF8ToString(rye._page_message()));
 };
 
-function open(buffer, name) {
+async function open(buffer, name) {
     const bytes = new Uint8Array(buffer), at = rye._malloc(bytes.length);
     const text = rye._malloc(4 * name.length + 1);
     rye.stringToUTF8(name, text, 4 * name.length + 1);
     rye.HEAPU8.set(bytes, at);
+    drawing?.close();
+    drawing = null;
     try {
         check(rye._page_open(text, at, bytes.length));
     } finally {
         rye._free(at);
         rye._free(text);
     }
+    const begun = begin(++opened);
+    if (by === "webgpu") await begun;
     const n = rye._page_expressions();
     const names = [];
     for (let i = 0; i < n; ++i) names.push(rye.UTF8ToString(rye._page_expression_name(i)));
     return {
         name: rye.UTF8ToString(rye._page_name()),
         gaussians: rye._page_gaussians(),
+        channels: shapeOfNetwork().channels,
         names,
         expression: floats(rye._page_expression(), n),
         low: floats(rye._page_expression_low(), n),
@@ -55,39 +66,115 @@ function open(buffer, name) {
     };
 }
 
-function draw(wanted) {
+// ---- WebGPU -------------------------------------------------------------------------------------
+function shapeOfNetwork() {
+    const [channels, capacity, doublings, normalized, skip] = rye.HEAP32.subarray(rye._page_network() >> 2);
+    return { channels, capacity, doublings, normalized, skip };
+}
+
+/// Makes a drawing for the avatar that is open; pictures are WebAssembly's until it is there.
+async function begin(avatar) {
+    if (by === "wasm") return;
+    try {
+        if (typeof RyeDrawing === "undefined") importScripts("webgpu.js");
+        const s = shapeOfNetwork(), outputs = (l) => s.capacity << (s.doublings - (l >> 1));
+        const inputs = (l) => (l === 0 ? s.channels : outputs(l - 1));
+        const convolution = Array.from({ length: 2 * (s.doublings + 1) }, (_, l) =>
+            Float32Array.from(here(rye._page_convolution(l), 9 * inputs(l) * outputs(l))));
+        const network = { ...s, convolution, outWeight: floats(rye._page_out_weight(), 3 * s.capacity),
+                          outBias: floats(rye._page_out_bias(), 3) };
+        const made = await RyeDrawing.make({ gaussians: rye._page_gaussians(), network,
+                                             software: by === "webgpu" });
+        if (avatar !== opened) return made.close();  // another file since
+        drawing = made;
+        note = "";
+    } catch (fault) {
+        if (avatar === opened) note = fault.message;
+    }
+}
+
+/// What drawing.js draws, at an accuracy of rye_accuracy; views of the module's memory.
+function frame(width, height, accuracy = 0) {
+    const n = rye._page_gaussians(), { channels } = shapeOfNetwork();
+    const [fx, fy, cx, cy, near, w, h] = floats(rye._page_render_lens(), 7);
+    const [alphaMin, alphaMax, stop, dilation, margin] = floats(rye._page_rules(accuracy), 5);
+    return {
+        cloud: {
+            mean: here(rye._page_mean(), 3 * n),
+            rotation: here(rye._page_rotation(), 4 * n),
+            scale: here(rye._page_gaussian_scale(), 3 * n),
+            opacity: here(rye._page_opacity(), n),
+            feature: here(rye._page_feature(), channels * n),
+        },
+        camera: { motion: floats(rye._page_motion(), 16), fx, fy, cx, cy, near, width: w, height: h },
+        rules: { alphaMin, alphaMax, stop, dilation, margin },
+        background: here(rye._page_background(), channels),
+        width, height,
+    };
+}
+
+/// The picture by WebGPU; null where it fails, which ends it.
+async function byWebGpu(idle, width, height) {
+    check(rye._page_drive(idle, 0.5));
+    try {
+        return await drawing.draw(frame(width, height));
+    } catch (fault) {
+        drawing.close();
+        drawing = null;
+        note = fault.message;
+        return null;
+    }
+}
+
+function byWasm(idle, width, height) {
+    check(rye._page_draw(idle, 0.5));
+    const at = rye._page_pixels();
+    return rye.HEAPU8.slice(at, at + 4 * width * height).buffer;
+}
+
+async function draw(wanted) {
     if (wanted.gaze) write(rye._page_gaze(), wanted.gaze);
     if (wanted.expression) write(rye._page_expression(), wanted.expression);
     if (wanted.pose) write(rye._page_pose(), wanted.pose);
     if (wanted.motion) write(rye._page_motion(), wanted.motion);
+    if (wanted.background) {
+        const { channels } = shapeOfNetwork(), { length } = wanted.background;
+        if (length !== channels || !wanted.background.every(Number.isFinite))
+            throw new Error(`background: got ${length} numbers, expected ${channels} that are finite`);
+        write(rye._page_background(), wanted.background);
+    }
     if (wanted.lookAt) check(rye._page_look(...wanted.lookAt));
     check(rye._page_size(wanted.width, wanted.height));
-    const begin = performance.now();
-    check(rye._page_draw(wanted.idle ?? -1, 0.5));
-    const ms = performance.now() - begin;
-    const work = rye._page_work() >> 2;
-    const at = rye._page_pixels(), size = 4 * wanted.width * wanted.height;
-    return {
-        picture: rye.HEAPU8.slice(at, at + size).buffer,
-        width: wanted.width,
-        height: wanted.height,
-        ms,
-        work: { gaussians: rye.HEAP32[work], tiles: rye.HEAP32[work + 1], pixels: rye.HEAP32[work + 2] },
-    };
+    const { idle = -1, width, height } = wanted;
+    const begun = performance.now();
+    let picture = drawing && await byWebGpu(idle, width, height);
+    const gpu = Boolean(picture);
+    picture ||= byWasm(idle, width, height);
+    const ms = performance.now() - begun;
+    const [gaussians, tiles, pixels] = rye.HEAP32.subarray(rye._page_work() >> 2);
+    const work = gpu ? { gaussians, tiles: drawing.splats.tiles, pixels: width * height }
+                     : { gaussians, tiles, pixels };
+    return { picture, width, height, ms, by: gpu ? "webgpu" : "wasm", note, work };
 }
 
-onmessage = async ({ data }) => {
+async function act(data) {
     try {
-        if ("start" in data)
-            ready = ryeModule(data.start ? { wasmBinary: data.start } : {}).then((module) => { rye = module; });
-        await ready;
-        if (data.open) postMessage({ opened: open(data.open, data.name) });
+        if ("start" in data) {
+            by = data.by ?? "auto";
+            rye = await ryeModule(data.start ? { wasmBinary: data.start } : {});
+        }
+        if (!rye) throw new Error("rye could not start");
+        if (data.open) postMessage({ opened: await open(data.open, data.name) });
         if (data.draw) {
-            const drawn = draw(data.draw);
+            const drawn = await draw(data.draw);
             drawn.id = data.id;
             postMessage(drawn, [drawn.picture]);
         }
     } catch (fault) {
         postMessage({ error: String(fault.message || fault), id: data.id });
     }
-};
+}
+
+// One after another: a picture may have to wait for the device.
+let queue = Promise.resolve();
+onmessage = ({ data }) => { queue = queue.then(() => act(data)); };

@@ -30,7 +30,8 @@ function serve(folders) {
 }
 
 class Browser {
-    static async start(program, size) {
+    /// `more`: further options of Chromium.
+    static async start(program, size, more = []) {
         const b = new Browser();
         b.profile = fs.mkdtempSync(path.join(os.tmpdir(), "rye-chromium-"));
         b.process = spawn(program, ["--headless=new", "--no-sandbox", "--disable-gpu",
@@ -38,11 +39,12 @@ class Browser {
             "--force-color-profile=srgb", "--force-device-scale-factor=1",
             "--disable-background-networking", "--disable-component-update",
             `--window-size=${size[0]},${size[1]}`,
-            "--remote-debugging-pipe", `--user-data-dir=${b.profile}`, "about:blank"],
+            ...more, "--remote-debugging-pipe", `--user-data-dir=${b.profile}`, "about:blank"],
             { stdio: ["ignore", "ignore", "ignore", "pipe", "pipe"] });
         b.waiting = new Map();
         b.next = 1;
         b.faults = [];  // of the console, of scripts, of the network
+        b.workers = []; // sessions of the page's workers, the last one's last
         b.ended = new Promise((resolve) => b.process.on("exit", resolve));
         b.ended.then(() => {
             for (const w of b.waiting.values()) w.reject(new Error("the browser ended"));
@@ -59,6 +61,7 @@ class Browser {
         const { targetId } = await b.call("Target.createTarget", { url: "about:blank" });
         b.session = (await b.call("Target.attachToTarget", { targetId, flatten: true })).sessionId;
         for (const domain of ["Page", "Runtime", "Log"]) await b.call(`${domain}.enable`);
+        await b.call("Target.setAutoAttach", { autoAttach: true, waitForDebuggerOnStart: false, flatten: true });
         await b.view(size[0], size[1]);
         return b;
     }
@@ -70,6 +73,10 @@ class Browser {
             else w.resolve(message.result);
         }
         const p = message.params;
+        if (message.method === "Target.attachedToTarget" && p.targetInfo.type === "worker")
+            this.workers.push(p.sessionId);
+        if (message.method === "Target.detachedFromTarget")
+            this.workers = this.workers.filter((id) => id !== p.sessionId);
         if (message.method === "Runtime.exceptionThrown")
             this.faults.push(p.exceptionDetails.exception?.description || p.exceptionDetails.text);
         if (message.method === "Runtime.consoleAPICalled" && (p.type === "error" || p.type === "warning"))
@@ -77,22 +84,22 @@ class Browser {
         if (message.method === "Log.entryAdded" && p.entry.level === "error")
             this.faults.push(`${p.entry.text} ${p.entry.url || ""}`);
     }
-    call(method, params = {}) {
+    call(method, params = {}, sessionId = this.session) {
         const id = this.next++;
         return new Promise((resolve, reject) => {
             this.waiting.set(id, { resolve, reject, method });
             this.process.stdio[3].write(
-                `${JSON.stringify({ id, method, params, sessionId: this.session })}\0`);
+                `${JSON.stringify({ id, method, params, sessionId })}\0`);
         });
     }
     view(width, height, mobile = false) {
         return this.call("Emulation.setDeviceMetricsOverride",
                          { width, height, deviceScaleFactor: 1, mobile });
     }
-    /// The value of an expression in the page; a promise is waited for.
-    async evaluate(expression) {
+    /// The value of an expression in the page, or in a worker; a promise is waited for.
+    async evaluate(expression, session = this.session) {
         const { result, exceptionDetails } = await this.call("Runtime.evaluate",
-            { expression, awaitPromise: true, returnByValue: true });
+            { expression, awaitPromise: true, returnByValue: true }, session);
         if (exceptionDetails)
             throw new Error(exceptionDetails.exception?.description || exceptionDetails.text);
         return result.value;

@@ -306,6 +306,41 @@ TEST_CASE(
         CHECK(cloud.count == 78);
         CHECK(cloud.mean[3] == doctest::Approx(player.gaussians().mean(0, 1)));
 
+        // Without a picture: the same Gaussians, and a later picture that is whole.
+        rye_avatar* apart = nullptr;
+        REQUIRE(rye_avatar_open(path.c_str(), nullptr, &apart) == RYE_OK);
+        check_failed(rye_avatar_gaussians(apart, &cloud), RYE_ERROR_STATE, "nor rye_avatar_drive");
+        REQUIRE(rye_avatar_drive(apart, &d) == RYE_OK);
+        REQUIRE(rye_avatar_gaussians(apart, &cloud) == RYE_OK);
+        check_close(Eigen::Map<const Columns<float>>(cloud.feature, 5, 78),
+                    player.gaussians().feature);
+        check_close(Eigen::Map<const Columns<float>>(cloud.mean, 3, 78), player.gaussians().mean);
+        REQUIRE(rye_avatar_last_work(apart, &work) == RYE_OK);
+        CHECK(work.gaussians == 78);
+        CHECK(work.tiles == 0);
+        REQUIRE(rye_avatar_draw(apart, &d, &camera, nullptr, &picture) == RYE_OK);
+        check_close(rgb, player.draw(turned, p.camera, p.background).pixels);
+        rye_drivers ahead = RYE_INIT(rye_drivers);
+        REQUIRE(rye_avatar_neutral(apart, &ahead, &camera) == RYE_OK);
+        REQUIRE(rye_avatar_drive(apart, &ahead) == RYE_OK);
+        REQUIRE(rye_avatar_draw(apart, &ahead, &camera, nullptr, &picture) == RYE_OK);
+        check_close(rgb, player.draw(p.neutral, p.camera, p.background).pixels);
+        rye_upsampler network = RYE_INIT(rye_upsampler);
+        REQUIRE(rye_avatar_upsampler(apart, &network) == RYE_OK);
+        const Upsampler<float>& right = p.avatar.upsampler;
+        CHECK(network.channels == 5);
+        CHECK(network.capacity == right.shape.capacity);
+        CHECK(network.doublings == right.shape.doublings);
+        CHECK((network.skip == 1) == right.shape.skip);
+        CHECK((network.normalized == 1) == (right.shape.norm == Normalization::instance));
+        CHECK(network.convolution[1][3] == right.conv[1](3));
+        CHECK(network.out_weight[4] == right.out_weight(4));
+        CHECK(network.out_bias[2] == right.out_bias(2));
+        ahead.scale = -1;
+        check_failed(rye_avatar_drive(apart, &ahead), RYE_ERROR_ARGUMENT, "'scale': got -1");
+        check_failed(rye_avatar_gaussians(apart, &cloud), RYE_ERROR_STATE, "nor rye_avatar_drive");
+        rye_avatar_close(apart);
+
         rye_drivers wrong = d;
         wrong.expression_count = 4;
         check_failed(rye_avatar_draw(avatar, &wrong, &camera, nullptr, &picture),

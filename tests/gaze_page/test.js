@@ -233,6 +233,21 @@ async function main() {
                b.faults.length + lost.length === 0, "0");
         for (const fault of [...b.faults, ...lost]) console.log(`  ${fault}`);
 
+        // Without its avatar the page goes on showing its poster.
+        if (fs.existsSync(path.join(page, "poster.webp"))) {
+            const gone = await b.evaluate("document.getElementById('poster') === null");
+            await b.call("Page.navigate", { url: `${url}?avatar=nothing.avatar` });
+            await b.until("window.gazePage && document.getElementById('notice').textContent.startsWith('No avatar yet')", 20000);
+            const width = await b.evaluate("document.getElementById('poster').naturalWidth");
+            await b.screenshot(path.join(out, "poster.png"));
+            figure("poster: gone with the first picture; else its width [px]", `${gone}, ${width}`,
+                   gone && width > 0, "true, above 0");
+            b.faults.length = 0;
+        }
+
+        await b.call("Page.navigate", { url: `${url}?draw=gl` });
+        await b.until("window.gazePage && document.getElementById('notice').textContent.includes('?draw: got gl')", 20000);
+
         // The package for npm: its example, a picture that is the page's, a damaged file.
         await b.view(...desktop, false);
         await b.call("Page.navigate", { url: `${url}npm/example.html` });

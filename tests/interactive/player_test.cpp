@@ -99,6 +99,17 @@ TEST_CASE("player: every picture is that of a whole render, bit for bit, at any 
             check();
             background[0] = 0;
             check();
+            // Moved without a picture, there and back: Gaussians as of a picture, and a whole one next.
+            const Columns<float> mean = player.gaussians().mean;
+            const Drivers<float> before = drivers;
+            drivers.gaze[1] = gaze_vector<float>(-0.2F, 0.1F);
+            CHECK(player.drive(drivers).mean.cols() == 78);
+            CHECK(player.work().gaussians > 0);
+            CHECK(player.work().tiles == 0);
+            CHECK(player.drive(before).mean == mean);
+            check();
+            player.drive(before);
+            check();
         }
 }
 
@@ -126,5 +137,6 @@ TEST_CASE(
     d = p.neutral;
     d.expression.setConstant(std::numeric_limits<float>::max());
     CHECK_FAULT(player.draw(d, p.camera, p.background), "is not finite; the drivers are far");
+    CHECK_FAULT(player.drive(d), "is not finite; the drivers are far");
     CHECK(player.draw(p.neutral, p.camera, p.background).pixels == right.pixels);
 }

@@ -3,6 +3,8 @@
 export interface Avatar {
     readonly name: string;
     readonly gaussians: number;
+    /** Numbers of a Gaussian's feature, and of the background. */
+    readonly channels: number;
     /** Names of the coefficients of its expression, empty strings where they have none. */
     readonly names: readonly string[];
     /** Its first expression, and the range of each coefficient in training. */
@@ -35,6 +37,8 @@ export interface Parts {
     expression?: readonly number[];
     pose?: readonly number[];
     motion?: readonly number[];
+    /** What is behind the head, `channels` numbers; first that of training. */
+    background?: readonly number[];
     /** Seconds, 0 to 3600, that the eyes have glanced and blinked by themselves; in this picture alone. */
     idle?: number;
     /** Pixels; without them those of the avatar's camera. */
@@ -48,13 +52,19 @@ export interface Drawn {
     readonly ms: number;
     /** Gaussians that moved, tiles and pixels that were computed. */
     readonly work: { readonly gaussians: number; readonly tiles: number; readonly pixels: number };
+    /** What drew it, and, if not WebGPU though that was tried, why. */
+    readonly by: "wasm" | "webgpu";
+    readonly note: string;
 }
 
 export class Head {
-    /** Opens an avatar file by its address, or its bytes; rejects with a sentence for a damaged one. */
+    /** Opens an avatar file by its address, or its bytes; rejects with a sentence for a damaged one.
+     *  `draw`: without it pictures are WebGPU's once that is ready, where it is hardware, and
+     *  WebAssembly's otherwise; "wasm" is never WebGPU, "webgpu" is so on software too, from the first
+     *  picture on. Where WebGPU fails WebAssembly goes on, and `note` of a picture says why. */
     static open(
         avatar: string | URL | ArrayBuffer | Blob,
-        options?: { worker?: string | URL; name?: string },
+        options?: { worker?: string | URL; name?: string; draw?: "wasm" | "webgpu" },
     ): Promise<Head>;
     readonly avatar: Avatar;
     draw(parts?: Parts): Promise<Drawn>;

@@ -9,6 +9,8 @@ export class Head {
 
     /// Opens an avatar file by its address, or its bytes.
     static async open(avatar, options = {}) {
+        if (![undefined, "wasm", "webgpu"].includes(options.draw))
+            throw new RangeError(`draw: got ${options.draw}, expected "wasm" or "webgpu"`);
         let bytes = avatar;
         if (typeof avatar === "string" || avatar instanceof URL) {
             const answer = await fetch(avatar);
@@ -21,7 +23,7 @@ export class Head {
         try {
             head.avatar = await new Promise((resolve, reject) => {
                 head.#opened = { resolve, reject };
-                head.#worker.postMessage({ start: null });
+                head.#worker.postMessage({ start: null, by: options.draw ?? "auto" });
                 head.#worker.postMessage({ open: bytes, name: String(options.name ?? "avatar") });
             });
         } catch (fault) {
@@ -76,7 +78,7 @@ export class Head {
             return waits ? waits.reject(fault) : this.#opened.reject(fault);
         }
         const picture = new ImageData(new Uint8ClampedArray(data.picture), data.width, data.height);
-        waits?.resolve({ picture, ms: data.ms, work: data.work });
+        waits?.resolve({ picture, ms: data.ms, work: data.work, by: data.by, note: data.note });
     }
     #fail(fault) {
         this.#opened?.reject(fault);

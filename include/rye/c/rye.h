@@ -195,6 +195,24 @@ typedef struct rye_avatar_work {
     int64_t pixels;    /* of the picture, computed again */
 } rye_avatar_work;
 
+/* The network that turns a render of the Gaussians' features, `channels` numbers a pixel, into a
+ * picture of 3, 2^doublings times as wide and high: 2 (doublings + 1) layers, each a 3 x 3
+ * convolution over zeros beyond the border, InstanceNorm if `normalized`, and max(0, x). Every
+ * second layer but the first one's input is doubled, bilinear, the corners' centres on each other.
+ * Layers 2 i and 2 i + 1 give capacity 2^(doublings - i) numbers. Then z = out_weight x + out_bias,
+ * and 1 / (1 + exp(-z)); with `skip`, b e^z / (b e^z + 1 - b), where b is the render's first three
+ * numbers, doubled likewise and clamped to 0.001..0.999. A picture whose side is no multiple of
+ * 2^doublings is cut from one that is, which the render covers from the first row and column on.
+ * Arrays are valid until the avatar is closed. */
+typedef struct rye_upsampler {
+    uint32_t struct_size;
+    int32_t channels, capacity, doublings, normalized, skip;
+    const float* const* convolution; /* of a layer: for each place of the kernel, row by row, for
+                                        each input, a number for each output */
+    const float* out_weight;         /* 3 numbers for each of `capacity` */
+    const float* out_bias;           /* 3 */
+} rye_upsampler;
+
 /* Where to write a picture, sRGB; null for the form not wanted. */
 typedef struct rye_picture {
     uint32_t struct_size;
@@ -236,10 +254,16 @@ RYE_API rye_status rye_avatar_idle(rye_avatar* avatar, rye_drivers* drivers, flo
 RYE_API rye_status rye_avatar_draw(rye_avatar* avatar, const rye_drivers* drivers,
                                    const rye_camera* camera, const float* background,
                                    rye_picture* picture);
-/* Of the last picture. */
+/* Of the last picture, or of the last rye_avatar_drive. */
 RYE_API rye_status rye_avatar_last_work(const rye_avatar* avatar, rye_avatar_work* work);
-/* The Gaussians of the last picture, in the world; arrays are valid until the next one. */
+/* The Gaussians of the last picture or of the last rye_avatar_drive, in the world; arrays are valid
+ * until the next one. */
 RYE_API rye_status rye_avatar_gaussians(const rye_avatar* avatar, rye_cloud* cloud);
+
+/* Moves the Gaussians without a picture, for a program that draws them by itself, and the network
+ * after them; the next rye_avatar_draw draws all of its picture. */
+RYE_API rye_status rye_avatar_drive(rye_avatar* avatar, const rye_drivers* drivers);
+RYE_API rye_status rye_avatar_upsampler(const rye_avatar* avatar, rye_upsampler* upsampler);
 
 #ifdef __cplusplus
 }

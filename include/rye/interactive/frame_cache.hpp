@@ -56,6 +56,12 @@ class FrameCache {
         shown_.reset();
     }
 
+    /// Moves the Gaussians, and renders nothing; the next update renders all.
+    const Gaussians<T>& move(const Drivers<T, E>& drivers) {
+        shown_.reset();
+        return drive_.update(drivers);
+    }
+
     /// Updates and returns the render; `camera` is that of the render.
     const Raster<T, A::outputs>& update(const Drivers<T, E>& drivers, const Pinhole<T>& camera,
                                         const VecX<T>& background) {

@@ -60,8 +60,20 @@ class AvatarPlayer {
         return cropped_;
     }
 
+    /// Returns the Gaussians by these drivers, in the world, the face's first, for a program that
+    /// draws them by itself; the next picture is drawn anew. Errors are those of draw().
+    const Gaussians<T>& drive(const Drivers<T>& drivers) {
+        const std::string who = "AvatarPlayer";
+        check_drivers(who, playable_->config, drivers);
+        cache_.move(restricted<TrainedEffects>(drivers));
+        check_drawn(who);
+        work_ = {static_cast<Index>(cache_.drive().changed().size()),
+                 cache_.drive().work().networks, 0, 0};
+        return gaussians();
+    }
+
     const PlayedWork& work() const { return work_; }
-    /// Returns the Gaussians of the last picture, in the world, the face's first.
+    /// Returns the Gaussians of the last picture or drive, in the world, the face's first.
     const Gaussians<T>& gaussians() const { return cache_.drive().gaussians(); }
     const PlayableAvatar<T>& playable() const { return *playable_; }
     /// Returns the size of all cached data [bytes].
