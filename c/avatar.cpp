@@ -289,12 +289,13 @@ rye_status rye_avatar_gaussians(const rye_avatar* avatar, rye_cloud* cloud) {
     });
 }
 
-rye_status rye_avatar_drive(rye_avatar* avatar, const rye_drivers* drivers) {
+rye_status rye_avatar_drive(rye_avatar* avatar, const rye_drivers* drivers,
+                            const rye_camera* camera) {
     return guarded([&] {
         check_pointer(avatar, "avatar");
         const Drivers<float> d = drivers_of(*avatar, drivers);
         avatar->driven = false; // until all Gaussians are where they belong
-        avatar->player.drive(d);
+        avatar->player.drive(d, camera_of(camera));
         avatar->driven = true;
     });
 }

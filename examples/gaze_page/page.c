@@ -117,7 +117,7 @@ EMSCRIPTEN_KEEPALIVE int page_drive(double seconds, float range) {
     rye_drivers moved;
     rye_status status = alive(&moved, seconds, range);
     cloud = no_cloud;
-    if (status == RYE_OK) status = rye_avatar_drive(avatar, &moved);
+    if (status == RYE_OK) status = rye_avatar_drive(avatar, &moved, &camera);
     if (status == RYE_OK) status = rye_avatar_gaussians(avatar, &cloud);
     return status;
 }

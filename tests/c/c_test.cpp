@@ -310,7 +310,7 @@ TEST_CASE(
         rye_avatar* apart = nullptr;
         REQUIRE(rye_avatar_open(path.c_str(), nullptr, &apart) == RYE_OK);
         check_failed(rye_avatar_gaussians(apart, &cloud), RYE_ERROR_STATE, "nor rye_avatar_drive");
-        REQUIRE(rye_avatar_drive(apart, &d) == RYE_OK);
+        REQUIRE(rye_avatar_drive(apart, &d, &camera) == RYE_OK);
         REQUIRE(rye_avatar_gaussians(apart, &cloud) == RYE_OK);
         check_close(Eigen::Map<const Columns<float>>(cloud.feature, 5, 78),
                     player.gaussians().feature);
@@ -322,7 +322,7 @@ TEST_CASE(
         check_close(rgb, player.draw(turned, p.camera, p.background).pixels);
         rye_drivers ahead = RYE_INIT(rye_drivers);
         REQUIRE(rye_avatar_neutral(apart, &ahead, &camera) == RYE_OK);
-        REQUIRE(rye_avatar_drive(apart, &ahead) == RYE_OK);
+        REQUIRE(rye_avatar_drive(apart, &ahead, &camera) == RYE_OK);
         REQUIRE(rye_avatar_draw(apart, &ahead, &camera, nullptr, &picture) == RYE_OK);
         check_close(rgb, player.draw(p.neutral, p.camera, p.background).pixels);
         rye_upsampler network = RYE_INIT(rye_upsampler);
@@ -337,7 +337,7 @@ TEST_CASE(
         CHECK(network.out_weight[4] == right.out_weight(4));
         CHECK(network.out_bias[2] == right.out_bias(2));
         ahead.scale = -1;
-        check_failed(rye_avatar_drive(apart, &ahead), RYE_ERROR_ARGUMENT, "'scale': got -1");
+        check_failed(rye_avatar_drive(apart, &ahead, &camera), RYE_ERROR_ARGUMENT, "'scale': got -1");
         check_failed(rye_avatar_gaussians(apart, &cloud), RYE_ERROR_STATE, "nor rye_avatar_drive");
         rye_avatar_close(apart);
 

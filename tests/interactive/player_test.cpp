@@ -103,12 +103,12 @@ TEST_CASE("player: every picture is that of a whole render, bit for bit, at any 
             const Columns<float> mean = player.gaussians().mean;
             const Drivers<float> before = drivers;
             drivers.gaze[1] = gaze_vector<float>(-0.2F, 0.1F);
-            CHECK(player.drive(drivers).mean.cols() == 78);
+            CHECK(player.drive(drivers, camera).mean.cols() == 78);
             CHECK(player.work().gaussians > 0);
             CHECK(player.work().tiles == 0);
-            CHECK(player.drive(before).mean == mean);
+            CHECK(player.drive(before, camera).mean == mean);
             check();
-            player.drive(before);
+            player.drive(before, camera);
             check();
         }
 }
@@ -137,6 +137,6 @@ TEST_CASE(
     d = p.neutral;
     d.expression.setConstant(std::numeric_limits<float>::max());
     CHECK_FAULT(player.draw(d, p.camera, p.background), "is not finite; the drivers are far");
-    CHECK_FAULT(player.drive(d), "is not finite; the drivers are far");
+    CHECK_FAULT(player.drive(d, p.camera), "is not finite; the drivers are far");
     CHECK(player.draw(p.neutral, p.camera, p.background).pixels == right.pixels);
 }

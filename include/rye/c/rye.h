@@ -261,8 +261,10 @@ RYE_API rye_status rye_avatar_last_work(const rye_avatar* avatar, rye_avatar_wor
 RYE_API rye_status rye_avatar_gaussians(const rye_avatar* avatar, rye_cloud* cloud);
 
 /* Moves the Gaussians without a picture, for a program that draws them by itself, and the network
- * after them; the next rye_avatar_draw draws all of its picture. */
-RYE_API rye_status rye_avatar_drive(rye_avatar* avatar, const rye_drivers* drivers);
+ * after them; the next rye_avatar_draw draws all of its picture. The camera is where highlights on
+ * the eyes are seen from. */
+RYE_API rye_status rye_avatar_drive(rye_avatar* avatar, const rye_drivers* drivers,
+                                    const rye_camera* camera);
 RYE_API rye_status rye_avatar_upsampler(const rye_avatar* avatar, rye_upsampler* upsampler);
 
 #ifdef __cplusplus

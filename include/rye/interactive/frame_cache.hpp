@@ -56,10 +56,11 @@ class FrameCache {
         shown_.reset();
     }
 
-    /// Moves the Gaussians, and renders nothing; the next update renders all.
-    const Gaussians<T>& move(const Drivers<T, E>& drivers) {
+    /// Moves the Gaussians as the camera sees them, and renders nothing; the next update renders
+    /// all.
+    const Gaussians<T>& move(const Drivers<T, E>& drivers, const Pinhole<T>& camera) {
         shown_.reset();
-        return drive_.update(drivers);
+        return drive_.update(seen_from(drivers, camera));
     }
 
     /// Updates and returns the render; `camera` is that of the render.

@@ -60,12 +60,14 @@ class AvatarPlayer {
         return cropped_;
     }
 
-    /// Returns the Gaussians by these drivers, in the world, the face's first, for a program that
-    /// draws them by itself; the next picture is drawn anew. Errors are those of draw().
-    const Gaussians<T>& drive(const Drivers<T>& drivers) {
+    /// Returns the Gaussians by these drivers as the camera sees them, in the world, the face's
+    /// first, for a program that draws them by itself; the next picture is drawn anew. Errors are
+    /// those of draw().
+    const Gaussians<T>& drive(const Drivers<T>& drivers, const Pinhole<T>& camera) {
         const std::string who = "AvatarPlayer";
         check_drivers(who, playable_->config, drivers);
-        cache_.move(restricted<TrainedEffects>(drivers));
+        check_camera(who, camera);
+        cache_.move(restricted<TrainedEffects>(drivers), camera);
         check_drawn(who);
         work_ = {static_cast<Index>(cache_.drive().changed().size()),
                  cache_.drive().work().networks, 0, 0};
