@@ -122,8 +122,11 @@ TEST_CASE("avatar file: other files and damaged ones are refused by what is wron
     const auto word = [&](const std::string& key, const std::string& value) {
         return edited(folder.path, p, [&](auto&, auto& metadata) { metadata[key] = value; });
     };
-    CHECK_FAULT(parse(word("version", "3")),
-                "x.avatar: metadata 'version': got '3', expected '1' or '2'");
+    CHECK_FAULT(parse(word("version", "4")),
+                "x.avatar: metadata 'version': got '4', expected '1', '2' or '3'");
+    CHECK_FAULT(parse(word("highlights", "sun")), "got 'sun', expected 'none' or 'lights'");
+    CHECK_FAULT(parse(word("highlights", "lights")),
+                "the tensor 'avatar.eyes.light_position' is missing, though 'highlights' is 'lights'");
     CHECK_FAULT(parse(word("shading", "sun")), "got 'sun', expected 'none' or 'head_pose'");
     CHECK_FAULT(parse(word("shading", "head_pose")),
                 "the tensor 'avatar.shading.light' is missing, though 'shading' is 'head_pose'");
@@ -207,6 +210,11 @@ TEST_CASE("avatar file: contents that no avatar has are refused by tensor and va
                 "'shading.light': value 2 is inf, expected a finite number");
     CHECK_FAULT(parse(with("avatar.eyes.left_appearance_mlp.conv1.weight", 0, infinite_half)),
                 "'eyes.left_appearance_mlp.conv1.weight': value 0 is inf");
+    CHECK_FAULT(parse(with("avatar.eyes.light_position", 1,
+                           std::numeric_limits<float>::infinity())),
+                "'eyes.light_position': value 1 is inf");
+    CHECK_FAULT(parse(with("avatar.eyes.light_width", 1, 0.0F)),
+                "'eyes.cornea' or 'eyes.light_width': a radius or a width is not positive");
     CHECK_FAULT(parse(with("camera.lens", 0, nan)), "x.avatar: 'camera.lens': value 0 is nan");
     CHECK_FAULT(parse(with("camera.lens", 0, -1.0)), "'fx' is -1, expected");
     CHECK_FAULT(parse(with("camera.lens", 4, 20000.0)), "got a side of 20000");
@@ -267,6 +275,30 @@ TEST_CASE("avatar file: shapes of light, kappa and driven eyes are those that se
     CHECK_FAULT(parse(with("avatar.shading.eye_normal")), "got shape (4, 3), expected (2, 3)");
     CHECK_FAULT(parse(with("avatar.eyes.right_appearance_mlp.conv1.weight")),
                 "eyes.right_appearance_mlp.conv1.weight: got shape (4, 3), expected (48, 48)");
+    CHECK_FAULT(parse(with("avatar.eyes.light_intensity")),
+                "'eyes.light_intensity': got shape (4, 3), expected (2, 3)");
+    CHECK_FAULT(parse(with("avatar.eyes.light_width")),
+                "'eyes.light_position': got shape (2, 3), expected (4, 3)");
+    CHECK_FAULT(parse(with("avatar.eyes.cornea")),
+                "'eyes.cornea': got shape (4, 3), expected (2, 8)");
+    const Columns<float> many = Columns<float>::Zero(3, 17);
+    CHECK_FAULT(parse(edited(folder.path, p,
+                             [&](auto& tensors, auto&) {
+                                 const std::string name = "avatar.eyes.light_position";
+                                 tensors.at(name) = tensor_entry(name, many);
+                             })),
+                "avatar.eyes.light_position: got shape (17, 3), expected (1 to 16, 3)");
+}
+
+TEST_CASE("avatar file: a file of version 2, which knows no highlights, is read as without") {
+    const TemporaryFolder folder;
+    const PlayableAvatar<float> p = tiny_playable(TinyParts{true, true, true});
+    const PlayableAvatar<float> q = parse(edited(folder.path, p, [](auto&, auto& metadata) {
+        metadata["version"] = "2";
+        metadata.erase("highlights");
+    }));
+    CHECK(q.avatar.eyes.optics.lights() == 0);
+    CHECK(q.avatar.shading.light.cols() == 3);
 }
 
 TEST_CASE("avatar file: a file of version 1 is read, and written as one of the present version") {
@@ -286,7 +318,8 @@ TEST_CASE("avatar file: a file of version 1 is read, and written as one of the p
     CHECK(p.camera.width == 16);
     const std::filesystem::path path = folder.path / "a.avatar";
     write_avatar(path, p);
-    CHECK(read_safetensors(path).word("version") == "2");
+    CHECK(read_safetensors(path).word("version") == "3");
+    CHECK(read_safetensors(path).word("highlights") == "none");
     const PlayableAvatar<float> q = read_avatar<float>(path);
     TrainedAvatar<float>::fields(
         [](const std::string& name, const auto& a, const auto& b) { CHECK_MESSAGE(a == b, name); },
