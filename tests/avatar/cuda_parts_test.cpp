@@ -21,7 +21,9 @@ void parts_against_host() {
 TEST_CASE("cuda, emulated: gaze mechanisms are the host's") {
     mechanisms_against_host<Wide>(EmulatedDevice{}, host_queue);
 }
-TEST_CASE("cuda, emulated: driven features and shading are the host's") {
+TEST_CASE("cuda, emulated: driven features, highlights and shading are the host's") {
+    parts_against_host<More<PaperEffects, Glint>>();
+    parts_against_host<Effects<HeadPose, LeftGaze, Glint>>();
     parts_against_host<More<PaperEffects, EyesBy<DrivenFeatures>>>();
     parts_against_host<More<PaperEffects, HeadShading>>();
     AvatarCase<LitEffects> c = case_with_parts<LitEffects>();
@@ -34,6 +36,8 @@ TEST_CASE("cuda, emulated: driven features and shading are the host's") {
     avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
     c.avatar.eyes.networks[1] = {};
     avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
+    c.avatar.eyes.optics = {};
+    avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
     // Without parameters nothing is launched for them, but one filling of kappa's axes.
     CHECK(avatar_work<Wide>(EmulatedDevice{}, host_queue, c).launched ==
           avatar_work<Wide>(EmulatedDevice{}, host_queue, case_with_parts<AllEffects>()).launched);
@@ -43,6 +47,7 @@ TEST_CASE("cuda, emulated: another gaze alone gives the bits of other drivers, f
     const WorkByDrivers lit =
         work_by_drivers<Wide>(EmulatedDevice{}, host_queue, case_with_parts<LitEffects>());
     CHECK(lit.gaze.at("shading by a gaze") == 1);
+    CHECK(lit.gaze.at("eyes, highlights") == 1);
     CHECK(lit.gaze.count("light of a frame") == 0);
     CHECK(lit.gaze.at("network, forward") == 6);
 }

@@ -156,6 +156,32 @@ TEST_CASE("a trained avatar's vjp is the transpose of its duals, whatever has no
     }
 }
 
+TEST_CASE("held with fewer effects a trained avatar looks the same, highlights drawn or kept") {
+    const auto drivers = seen_drivers<TrainedEffects>(tiny_drivers<double>());
+    for (const bool lit : {true, false}) {
+        INFO(lit);
+        auto all = avatar_of_trained();
+        if (!lit) all.eyes.optics = {};
+        const auto right = driven(all, drivers);
+        const auto gap = [&]<EffectSet Fewer>(Fewer) {
+            const auto a =
+                held<Fewer>(ScalarBackend<>{}, all, tiny_config(), tiny_roles(), drivers);
+            const auto seen = driven(a, restricted<Fewer>(drivers));
+            double most = 0;
+            Gaussians<double>::fields([&](const std::string&, const auto& p, const auto& q) {
+                most = std::max(most, (p - q).cwiseAbs().maxCoeff());
+            }, copy_of(seen.eye_gaussians()), copy_of(right.eye_gaussians()));
+            return most;
+        };
+        CHECK(gap(Less<TrainedEffects, Glint>{}) <= 1e-12);
+        CHECK(gap(Less<TrainedEffects, PoseResidual>{}) <= 1e-12);
+        CHECK(gap(Effects<HeadPose, CornealBulge, Glint, HeadShading>{}) <= 1e-12);
+        CHECK(gap(Effects<HeadPose, CornealBulge, HeadShading>{}) <= 1e-12);
+        CHECK(gap(Effects<HeadPose, LeftGaze, RightGaze, Kappa, Periocular, CornealBulge, Glint,
+                          HeadShading, EyesBy<DrivenFeatures>>{}) <= 1e-12);
+    }
+}
+
 TEST_CASE("tensors of a trained avatar have a checkpoint's names; what is off has none") {
     auto a = avatar_of_trained();
     const auto all = fields_of(a);

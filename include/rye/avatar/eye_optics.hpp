@@ -107,7 +107,7 @@ inline constexpr Index most_lights = 16;
 
 /// Gives the avatar so many lights, of position and intensity 0 and width 1; corneas of 0 where it
 /// has none yet.
-template <Real T, EffectSet E>
+template <class T, EffectSet E>
     requires has_effect<E, Glint>
 void resize_lights(EyeOptics<T, E>& optics, Index count) {
     if (optics.cornea.size() == 0) optics.cornea.setZero(cornea_numbers, 2);
@@ -116,10 +116,11 @@ void resize_lights(EyeOptics<T, E>& optics, Index count) {
     optics.light_width.setOnes(1, count);
 }
 
-/// Turns an eye's cornea with its points.
+/// Turns an eye's cornea, where there is one, with its points.
 template <class T, EffectSet E>
     requires has_effect<E, SeesCornea>
 void turn_cornea(EyeOptics<T, E>& optics, std::size_t eye, const Mat3<T>& rotation) {
+    if (optics.cornea.size() == 0) return;
     const Index e = static_cast<Index>(eye);
     for (const Index row : {Index(0), Index(4)}) {
         const Vec3<T> x = optics.cornea.template block<3, 1>(row, e);

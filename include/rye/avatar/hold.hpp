@@ -70,6 +70,23 @@ Mlp<T> with_held_inputs(const Mlp<T>& all, const HeldInputs<T>& held) {
     return fewer;
 }
 
+/// Adds the highlights of a frame to the features of both eyes.
+template <class T, EffectSet E, Backend B>
+void keep_highlights(const B& backend, const EyeStream<T, E>& eyes, const Vec3<T>& camera,
+                     const OpticsTrace<T, E>& trace, Columns<T>& feature) {
+    for (std::size_t eye = 0; eye < 2; ++eye) {
+        const Index e = static_cast<Index>(eye), first = eyes.first_point(e);
+        if (trace.lights[eye].empty()) continue;
+        const T* const points = eyes.position.data() + 3 * first;
+        const T* seen = points;
+        if constexpr (has_effect<E, CornealRefraction>) seen = trace.seen[eye].data();
+        add_highlights(backend, eyes.optics,
+                       {eye, camera, trace.placed[eye], points, eyes.points_of(e)},
+                       trace.lights[eye], seen, feature.rows(),
+                       feature.data() + feature.rows() * first);
+    }
+}
+
 } // namespace detail
 
 /// The avatar without what the effects that are left out gave.
@@ -131,10 +148,13 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
                          const LandmarkRoles& roles, const Drivers<T, E>& drivers) {
     TwoStream<T, Fewer> a = restricted<Fewer>(all);
     TwoStreamTrace<T, E> trace;
-    if constexpr (has_effect<E, HeadShading> && has_effect<Fewer, HeadShading>) {
-        TwoStream<T, E> unshaded = all;  // what is kept is shaded again
-        unshaded.shading = {};
-        drive(backend, unshaded, {config, roles, drivers}, trace);
+    constexpr bool shaded = has_effect<E, HeadShading> && has_effect<Fewer, HeadShading>,
+                   lit = has_effect<E, Glint> && has_effect<Fewer, Glint>;
+    if constexpr (shaded || lit) {
+        TwoStream<T, E> plain = all; // what is kept is shaded, and has highlights, again
+        if constexpr (shaded) plain.shading = {};
+        if constexpr (lit) resize_lights(plain.eyes.optics, 0);
+        drive(backend, plain, {config, roles, drivers}, trace);
     } else {
         drive(backend, all, {config, roles, drivers}, trace);
     }
@@ -169,9 +189,11 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
         });
     if constexpr (has_effect<E, CornealRefraction> && !has_effect<Fewer, CornealRefraction>)
         a.eyes.position << trace.eyes.optics.seen[0], trace.eyes.optics.seen[1];
-    if constexpr ((has_effect<E, Glint> && !has_effect<Fewer, Glint>) ||
-                  (EyeAppearanceOf<E>::reads_inputs && !EyeAppearanceOf<Fewer>::reads_inputs))
+    if constexpr (EyeAppearanceOf<E>::reads_inputs && !EyeAppearanceOf<Fewer>::reads_inputs)
         a.eyes.feature = trace.gaussians.feature.rightCols(a.eyes.position.cols());
+    else if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>)
+        detail::keep_highlights(backend, all.eyes, drivers.camera, trace.eyes.optics,
+                                a.eyes.feature);
     if constexpr (std::same_as<EyeAppearanceOf<E>, DrivenFeatures> &&
                   std::same_as<EyeAppearanceOf<Fewer>, DrivenFeatures>) {
         static_assert(eye_turns<E, 0> == eye_turns<Fewer, 0> &&
