@@ -268,10 +268,11 @@ std::string RanksInProcesses::given(const std::string& own) {
     for (;; std::this_thread::sleep_for(look)) {
         const bool done = contents(m.named("done", 0)).has_value(); // before its last words
         if (auto words = contents(file)) return *words;
-        require(!done, m.folder.string(), "rank 0 is done, while rank ", m.place.rank,
-                " waits for it");
+        // One that has ended by an error is done, too, and said why before.
         const std::string reason = m.reason_now();
         if (!reason.empty()) throw Error(reason);
+        require(!done, m.folder.string(), "rank 0 is done, while rank ", m.place.rank,
+                " waits for it");
     }
 }
 

@@ -23,9 +23,10 @@ namespace rye {
 
 /// Refractive index of the aqueous humour relative to air (Gullstrand).
 inline constexpr double aqueous_index = 1.336;
-/// Cosine of the angle of incidence below which a highlight fades, and the width of the rim on
-/// which it fades, over the corneal radius.
-inline constexpr double mirror_grazing = 0.3, mirror_rim = 0.1;
+/// Cosine of the angle of incidence below which a highlight fades.
+inline constexpr double mirror_grazing = 0.3;
+/// Width of the rim on which a highlight fades, over the corneal radius.
+inline constexpr double mirror_rim = 0.1;
 
 /// A cornea in its eyeball's frame.
 template <Scalar T>
