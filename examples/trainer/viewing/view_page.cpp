@@ -20,15 +20,16 @@ constexpr int least_side = 16, most_side = 2048, quality = 95;
 constexpr double largest_number = 1e9, most_life = 3600;
 
 /// Returns the numbers of a field, which has `count` of them; empty if there is no such field.
-std::vector<float> numbers_of(const Json& request, const char* key, Index count) {
+template <class T = float>
+std::vector<T> numbers_of(const Json& request, const char* key, Index count) {
     if (!request.contains(key)) return {};
     const std::string who = "draw";
     const Json& list = json_list(request, key, who, "a list of numbers");
     require(list.size() == static_cast<std::size_t>(count), std::string("draw: ") + key, "got ",
             list.size(), " numbers, expected ", count);
-    std::vector<float> numbers;
+    std::vector<T> numbers;
     for (const Json& x : list) {
-        numbers.push_back(static_cast<float>(json_number(x, std::string("draw: ") + key)));
+        numbers.push_back(static_cast<T>(json_number(x, std::string("draw: ") + key)));
         require(std::abs(static_cast<double>(numbers.back())) <= largest_number,
                 std::string("draw: ") + key, "got ", numbers.back(), ", expected at most 1e9");
     }
@@ -45,16 +46,17 @@ int side_of(const Json& request, const char* key, int otherwise) {
 /// Changes a wish as a request asks.
 void change(ViewWish& w, const Json& request) {
     Drivers<float>& d = w.drivers;
-    const std::vector<float> gaze = numbers_of(request, "gaze", 4),
-                             pose = numbers_of(request, "pose", 6),
+    // In double, as of every other source: the same angles are the same bits.
+    const std::vector<double> gaze = numbers_of<double>(request, "gaze", 4);
+    const std::vector<float> pose = numbers_of(request, "pose", 6),
                              motion = numbers_of(request, "motion", 16),
                              expression = numbers_of(request, "expression", d.expression.size());
     if (!gaze.empty())
         for (std::size_t e = 0; e < 2; ++e) {
             for (std::size_t k = 0; k < 2; ++k)
-                require(std::abs(gaze[2 * e + k]) <= 1.57F, "draw: gaze", "got ", gaze[2 * e + k],
+                require(std::abs(gaze[2 * e + k]) <= 1.57, "draw: gaze", "got ", gaze[2 * e + k],
                         " rad, expected at most 1.57 either way");
-            d.gaze[e] = gaze_vector(gaze[2 * e], gaze[2 * e + 1]);
+            d.gaze[e] = gaze_vector(gaze[2 * e], gaze[2 * e + 1]).cast<float>();
         }
     if (!pose.empty()) d.pose = Eigen::Map<const Vec<float, 6>>(pose.data());
     if (!expression.empty())
