@@ -25,7 +25,7 @@ namespace {
 constexpr std::array sides{3.0, 4.0, 6.0, 8.0};
 constexpr double least_share = 0.7;
 constexpr int least_pixels = 15;
-/// Times that the map is made, each without the lights of the last one.
+/// Times that the map is made, each with irises' own colours judged without the last lights.
 constexpr int rounds = 3;
 /// Pixels beyond which a part counts no more, and the fewest about a peak.
 constexpr double most_weight = 60, least_support = 100;
@@ -50,6 +50,13 @@ struct Lobe {
     }
 };
 
+/// Returns two unit vectors across a direction.
+std::array<Vec3<double>, 2> across(const Vec3<double>& to) {
+    const Vec3<double> x = normalized(
+        cross(std::abs(to.y()) < 0.9 ? Vec3<double>(0, 1, 0) : Vec3<double>(1, 0, 0), to));
+    return {x, cross(to, x)};
+}
+
 double weight_of(const ReflectedPart& p) { return std::min<double>(p.pixels, most_weight); }
 
 /// The map less its lobes and an offset.
@@ -70,9 +77,7 @@ struct LobeFit {
     template <class T>
     static T stepped(const Lobe& l, const Vec3<double>& direction, const Vec4<T>& step) {
         using std::exp;
-        const Vec3<double> x = normalized(
-            cross(std::abs(l.to.y()) < 0.9 ? Vec3<double>(0, 1, 0) : Vec3<double>(1, 0, 0), l.to));
-        const Vec3<double> y = cross(l.to, x);
+        const auto [x, y] = across(l.to);
         Vec3<T> to, there;
         for (Index k = 0; k < 3; ++k) {
             to[k] = T(l.to[k]) + step[0] * T(x[k]) + step[1] * T(y[k]);
@@ -90,7 +95,7 @@ struct LobeFit {
             NormalEquations<double> sum{0, Columns<double>::Zero(n, n), VecX<double>::Zero(n)};
             // Priors that keep a lobe's direction and width near where it began.
             for (Index k = 0; k + 1 < n; ++k) {
-                const double weight = k % 4 == 2 ? 0.05 : k % 4 == 3 ? 0 : 0.05;
+                const double weight = k % 4 == 3 ? 0 : 0.05; // heights have none
                 sum.cost += weight * x[k] * x[k];
                 sum.matrix(k, k) += weight;
                 sum.gradient[k] += weight * x[k];
@@ -125,11 +130,8 @@ struct LobeFit {
         for (std::size_t l = 0; l < lobes.size(); ++l) {
             const auto at = x.segment<4>(4 * static_cast<Index>(l));
             Lobe& lobe = lobes[l];
-            const Vec3<double> across = normalized(
-                cross(std::abs(lobe.to.y()) < 0.9 ? Vec3<double>(0, 1, 0) : Vec3<double>(1, 0, 0),
-                      lobe.to));
-            const Vec3<double> up = cross(lobe.to, across);
-            lobe.to = normalized(Vec3<double>(lobe.to + at[0] * across + at[1] * up));
+            const auto [side_x, side_y] = across(lobe.to);
+            lobe.to = normalized(Vec3<double>(lobe.to + at[0] * side_x + at[1] * side_y));
             lobe.width = std::clamp(lobe.width * std::exp(at[2]), narrow, wide);
             lobe.height += at[3];
         }
