@@ -17,7 +17,10 @@ class Fit {
   public:
     Fit(const std::vector<Pinhole<double>>& cameras, const Columns<double>& points,
         const std::vector<SeenPoint>& seen, const CameraPriors& priors)
-        : cameras_(cameras), points_(points), seen_(seen), priors_(priors) {}
+        : cameras_(cameras),
+          points_(points),
+          seen_(seen),
+          priors_(priors) {}
 
     VecX<double> solve(bool cameras_held) {
         first_point_ = cameras_held ? 0 : of_camera * static_cast<Index>(cameras_.size());
@@ -39,8 +42,11 @@ class Fit {
         c.log_focal = priors_.focal * part[6];
         return c;
     }
+    double deviation(Index point) const {
+        return point < priors_.first_loose ? priors_.point : priors_.loose;
+    }
     Vec3<double> offset(const VecX<double>& x, Index point) const {
-        return priors_.point * x.segment<3>(first_point_ + 3 * point);
+        return deviation(point) * x.segment<3>(first_point_ + 3 * point);
     }
     /// Returns the distance of the seen point from its expected position [px].
     Vec2<double> off(const VecX<double>& x, const SeenPoint& s) const {
@@ -83,7 +89,7 @@ class Fit {
         d.leftCols<3>() = priors_.turn * of_at * turned;
         d.middleCols<3>(3) = -priors_.shift * of_at * so3_exp(by.turn);
         d.col(6) = priors_.focal * Vec2<double>(c.fx * at.x() / at.z(), c.fy * at.y() / at.z());
-        d.rightCols<3>() = priors_.point * of_at * c.camera_from_world.rotation;
+        d.rightCols<3>() = deviation(s.point) * of_at * c.camera_from_world.rotation;
         return d;
     }
 
@@ -144,6 +150,8 @@ CameraFit fit_cameras(const std::vector<Pinhole<double>>& cameras, const Columns
     found.after = distances(x);
     for (std::size_t c = 0; c < cameras.size(); ++c)
         found.changes.push_back(fit.change(x, static_cast<int>(c)));
+    found.offsets.resize(3, points.cols());
+    for (Index p = 0; p < points.cols(); ++p) found.offsets.col(p) = fit.offset(x, p);
     return found;
 }
 

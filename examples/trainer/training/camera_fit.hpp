@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/camera_fit.hpp: fit of camera poses and focal lengths to the positions of the head's
 /// points in the pictures, by robust least squares with priors. Points may be wrong as well, alike
-/// in all pictures: each has an offset in the world. Rotating a camera and moving it sideways have
-/// a similar effect on the picture of the head, and the priors distribute the difference between
-/// the two: the fit determines that picture, not each number.
+/// in all pictures: each has an offset in the world, whose deviation says how far points can be
+/// trusted, and so how much of what all cameras share, as a zoom, is theirs. Rotating a camera and
+/// moving it sideways have a similar effect on the picture of the head, and the priors distribute
+/// the difference between the two: the fit determines that picture, not each number.
 #pragma once
 
 #include <vector>
@@ -15,9 +16,9 @@ namespace rye::trainer {
 
 /// Position of a point in a camera's picture.
 struct SeenPoint {
-    int camera, point;  ///< indices
-    Vec2<double> at;    ///< in the picture [px]
-    double sigma;       ///< standard deviation of a coordinate [px]
+    int camera, point; ///< indices
+    Vec2<double> at;   ///< in the picture [px]
+    double sigma;      ///< standard deviation of a coordinate [px]
 };
 
 /// Change of a camera's numbers.
@@ -35,7 +36,9 @@ struct CameraPriors {
     double turn = 0.5 * 0.017453292519943295; ///< about an axis [rad]
     double shift = 0.03;                      ///< along an axis [world unit]
     double focal = 0.01;                      ///< of the logarithm
-    double point = 0.015;  ///< coordinate of a point's offset [world unit]
+    double point = 0.015;                     ///< coordinate of a point's offset [world unit]
+    double loose = 0.015;                     ///< the same from first_loose on [world unit]
+    Index first_loose = 0;
 };
 
 struct CameraFit {
@@ -43,6 +46,7 @@ struct CameraFit {
     /// Distance of each seen point from its expected position [px]: with the given cameras and the
     /// offsets that fit them, and with both changed.
     std::vector<double> before, after;
+    Columns<double> offsets; ///< of the points, 3 x points [world unit]
 };
 
 /// Returns the fit. points: 3 x points, world. A camera that sees no point keeps its numbers.

@@ -30,6 +30,9 @@ constexpr double bound = 1.5;
 constexpr std::size_t fewest_frames = 6;
 constexpr int fewest_eyes = 6; ///< in a camera's pictures
 constexpr double fewest_facing = 0.7; ///< cosine: irises that are seen more from the side mislead
+/// Distance by which irises seem nearer to the eyeball's centre, in its radii, seen from many sides:
+/// the cornea refracts, and turns them towards each camera. 0.4 to 0.6 mm on rendered heads.
+constexpr double seems_nearer = 0.04;
 
 /// Correction of the cameras of one capture.
 class CameraCorrector {
@@ -40,6 +43,8 @@ class CameraCorrector {
         choose_frames();
         if (judged_.empty()) return;
         see_masks();
+        priors_.loose = 0.03; // of masks, whose middle is elsewhere in the head, and of the skin
+        priors_.first_loose = lids_.cols();
         // Masks bring irises close to where they are searched, then irises refine the fit.
         CameraFit fit = fit_cameras(cameras_, lids_, masks_, of_masks());
         constexpr int rounds = 2;
@@ -174,7 +179,8 @@ class CameraCorrector {
                                s.limbus_radius, s.iris_plane};
                 const Mat3<double> rotation = so3_exp(Vec3<double>(f.pose.head<3>()));
                 points.col(point(i, e)) =
-                    *eye.centre + f.scale * s.iris_plane * (rotation * eye.optical);
+                    *eye.centre +
+                    f.scale * (s.iris_plane - seems_nearer * s.radius) * (rotation * eye.optical);
             }
         points.rightCols(eyes) = lids_;
         std::vector<int> index(static_cast<std::size_t>(c_.camera_count()), -1);
@@ -196,7 +202,24 @@ class CameraCorrector {
         }
         skin_ = seen_.size();
         points_ = points;
-        return fit_cameras(cameras_, points_, seen_);
+        CameraFit fit = fit_cameras(cameras_, points_, seen_, priors_);
+        priors_.point = errors_of_labels(fit);
+        return fit;
+    }
+    /// Returns the standard deviation of a coordinate of the irises' offsets in the head about each
+    /// eye's mean [world unit]: they are errors of labels, and those say how much of what all
+    /// cameras share is in the cameras.
+    double errors_of_labels(const CameraFit& fit) const {
+        constexpr double least = 0.003, most = 0.015;
+        Columns<double> offsets(3, lids_.cols()), mean = Columns<double>::Zero(3, 2);
+        for (Index p = 0; p < offsets.cols(); ++p) {
+            const CaptureFrame& f = frame(static_cast<std::size_t>(p / 2));
+            offsets.col(p) = so3_exp(Vec3<double>(f.pose.head<3>())).transpose() * fit.offsets.col(p);
+            mean.col(p % 2) += 2 * offsets.col(p) / static_cast<double>(offsets.cols());
+        }
+        for (Index p = 0; p < offsets.cols(); ++p) offsets.col(p) -= mean.col(p % 2);
+        return std::clamp(std::sqrt(offsets.squaredNorm() / static_cast<double>(offsets.size())),
+                          least, most);
     }
     /// Returns the cosine of the angle between an eye's optical axis and the line to a camera.
     double facing(std::size_t i, std::size_t e, const Pinhole<double>& camera) const {
@@ -225,7 +248,7 @@ class CameraCorrector {
                     s.point += static_cast<int>(points_.cols());
                     seen_.push_back(s);
                 }
-                fit = fit_cameras(cameras_, points, seen_);
+                fit = fit_cameras(cameras_, points, seen_, priors_);
             }
         };
         compare(skin, 4);
@@ -242,7 +265,7 @@ class CameraCorrector {
         };
         if (std::none_of(seen_.begin(), seen_.end(), misled)) return fit;
         seen_.erase(std::remove_if(seen_.begin(), seen_.end(), misled), seen_.end());
-        fit = fit_cameras(cameras_, points, seen_);
+        fit = fit_cameras(cameras_, points, seen_, priors_);
         for (std::size_t k = 0; k < worse.size(); ++k)
             if (worse[k] && irises_of(static_cast<int>(k)) < fewest_eyes) fit.changes[k] = {};
         return fit;
@@ -386,6 +409,7 @@ class CameraCorrector {
     std::vector<SeenPoint> seen_;          ///< irises, masks, then points of the skin
     Columns<double> points_;               ///< of seen_, world
     std::size_t irises_ = 0, skin_ = 0;    ///< numbers of irises, and of these and masks
+    CameraPriors priors_;
     CameraFindings found_;
 };
 
