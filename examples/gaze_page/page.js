@@ -7,7 +7,7 @@
 const element = (id) => document.getElementById(id);
 const canvas = element("picture");
 const context = canvas.getContext("2d", { alpha: false });
-const options = new URLSearchParams(location.search);  // ?avatar=FILE, ?draw=wasm or webgpu
+const options = new URLSearchParams(location.search);  // ?avatar=FILE, ?draw=wasm or webgpu, ?threads=MOST
 let worker = null;      // from start() on
 const degrees = 180 / Math.PI;
 const clamp = (x, low, high) => Math.min(high, Math.max(low, x));
@@ -110,7 +110,7 @@ function show(drawn) {
     else context.putImageData(new ImageData(new Uint8ClampedArray(drawn.picture), drawn.width, drawn.height), 0, 0);
     element("poster")?.remove();
     state.frames += 1;
-    state.last = { ms: drawn.ms, work: drawn.work, by: drawn.by, note: drawn.note };
+    state.last = { ms: drawn.ms, work: drawn.work, by: drawn.by, note: drawn.note, threads: drawn.threads };
     if (state.firstPicture === null) state.firstPicture = performance.now() - begun;
     lately = [...lately.slice(-14), drawn.ms];
     const middle = [...lately].sort((a, b) => a - b)[lately.length >> 1];
@@ -118,7 +118,7 @@ function show(drawn) {
     element("moved").textContent = `${Math.round((100 * drawn.work.gaussians) / avatar.gaussians)} %`;
     element("redrawn").textContent =
         `${Math.round((100 * drawn.work.pixels) / (drawn.width * drawn.height))} %`;
-    const kinds = { webgpu: "WebGPU", wasm: "WebAssembly" };
+    const kinds = { webgpu: "WebGPU", wasm: drawn.threads > 1 ? `WebAssembly, ${drawn.threads} threads` : "WebAssembly" };
     element("by").textContent = kinds[drawn.by] ? kinds[drawn.by] + (drawn.note ? `: ${drawn.note}` : "") : "rye view";
     notice("");
 }
@@ -152,9 +152,11 @@ function start(address, wasm = null) {
         notice(`The page could not start: ${fault.message || "WebAssembly with SIMD is needed"}`, true);
         state.errors.push(String(fault.message));
     };
-    const by = options.get("draw");
-    worker.postMessage({ start: wasm, by: by ?? "auto" });
+    const by = options.get("draw"), threads = options.get("threads");
+    worker.postMessage({ start: wasm, by: by ?? "auto", threads: threads === null ? undefined : Number(threads) });
     if (![null, "wasm", "webgpu"].includes(by)) throw new Error(`?draw: got ${by}, expected wasm or webgpu`);
+    if (threads !== null && !/^[1-9]\d?$/.test(threads))
+        throw new Error(`?threads: got ${threads}, expected a number from 1 on`);
 }
 
 /// Eyes move to their goal in a few pictures, as eyes do, and end exactly there. Where nobody has moved
