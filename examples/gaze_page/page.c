@@ -96,6 +96,14 @@ EMSCRIPTEN_KEEPALIVE int page_look(float x, float y, float z) {
     return rye_avatar_gaze_at(avatar, &drivers, point, 0.8f, NULL);
 }
 
+/* Pitch and yaw of both eyes that look at a point of the world, 4; null on failure. Moves nothing. */
+EMSCRIPTEN_KEEPALIVE const float* page_aim(float x, float y, float z) {
+    static rye_drivers aimed;
+    const float point[3] = {x, y, z};
+    aimed = drivers;
+    return rye_avatar_gaze_at(avatar, &aimed, point, 1.22f, NULL) == RYE_OK ? aimed.gaze[0] : NULL;
+}
+
 static rye_status alive(rye_drivers* moved, double seconds, float range) {
     *moved = drivers;
     return seconds < 0 ? RYE_OK : rye_avatar_idle(avatar, moved, living, 1, seconds, range);

@@ -7,8 +7,10 @@
 //   {draw: {gaze, expression, pose, motion, background, width, height}, id}   any of these; the rest
 //     stays. With `lookAt`, a point of the world, both eyes look there; with `idle`, seconds, they
 //     live by themselves, in this picture alone
-// Messages out: {opened: {...}}, {picture: ArrayBuffer, width, height, id, ms, work, by, note, threads},
-// {error: text}. `by` says what drew it, `note` why that is not WebGPU, `threads` how many WebAssembly has.
+//   {aim: {point, pose, expression}, id}   at which angles would the eyes of such a head look at this point
+//     of the world?
+// Messages out: {opened: {...}}, {aimed: left pitch, yaw, right pitch, yaw [rad], or null, id},
+// {picture: ArrayBuffer, width, height, id, ms, work, by, note, threads}, {error: text}. `by` says what drew it, `note` why that is not WebGPU, `threads` how many WebAssembly has.
 "use strict";
 
 let rye = null, by = "auto", threads = 1;
@@ -46,14 +48,15 @@ async function loadThreads(count) {
         }
     };
     try {
-        return await Promise.race([failed, ryeThreadsModule({ threads: count, wasmMemory: memory, printErr() {},
-            mainScriptUrlOrBlob: new URL("rye_threads.js", location.href).href })]);
+        const module = await Promise.race([failed, ryeThreadsModule({ threads: count, wasmMemory: memory,
+            printErr() {}, mainScriptUrlOrBlob: new URL("rye_threads.js", location.href).href })]);
+        for (const worker of begun) worker.removeEventListener("error", fail);
+        return module;
     } catch (fault) {
         for (const worker of begun) worker.terminate();
         throw fault;
     } finally {
         self.Worker = Plain;
-        for (const worker of begun) worker.removeEventListener("error", fail);
     }
 }
 
@@ -181,6 +184,16 @@ function byWasm(idle, width, height) {
     return new Uint8Array(buffer(), at, 4 * width * height).slice().buffer;
 }
 
+function aim({ point, pose, expression }) {
+    const places = [rye._page_pose(), rye._page_expression()];
+    const kept = [floats(places[0], 6), floats(places[1], rye._page_expressions())];
+    write(places[0], pose);
+    write(places[1], expression);
+    const at = rye._page_aim(...point), angles = at === 0 ? null : floats(at, 4);
+    kept.forEach((values, i) => write(places[i], values));
+    return angles;
+}
+
 async function draw(wanted) {
     if (wanted.gaze) write(rye._page_gaze(), wanted.gaze);
     if (wanted.expression) write(rye._page_expression(), wanted.expression);
@@ -214,6 +227,7 @@ async function act(data) {
         }
         if (!rye) throw new Error("rye could not start");
         if (data.open) postMessage({ opened: await open(data.open, data.name) });
+        if (data.aim) postMessage({ aimed: aim(data.aim), id: data.id });
         if (data.draw) {
             const drawn = await draw(data.draw);
             drawn.id = data.id;
