@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # build.sh [AVATAR [OUT]]: the gaze page as one folder of files, OUT (build/gaze_page), to put on any
 # host, or to open from a disk: the page, rye as WebAssembly with SIMD, of one thread and of several
-# (rye_threads.*), the avatar file, and those of one thread and it once more in files.js, for browsers
-# read no other files from a disk; and OUT/npm, a package. Without
-# AVATAR, or with "-", the avatar is left out, and the page asks for a file. Needs emscripten (Debian:
-# apt-get install emscripten), Eigen and xsimd; installs nothing. From the environment:
+# (rye_threads.*), the avatar file, and this and the module of one thread once more in files.js, for
+# browsers read no other files from a disk; and OUT/npm, a package. Without AVATAR, or with "-", the avatar
+# is left out, and the page asks for a file. Needs emscripten (Debian: apt-get install emscripten), Eigen
+# and xsimd; installs nothing. From the environment:
 #   EIGEN, XSIMD   folders of these
 #   POSTER         a picture that the page shows until the first of its own; what is no .webp is
 #                  converted by ffmpeg
@@ -63,8 +63,8 @@ for source in "$root/c/cloud.cpp" "$root/c/avatar.cpp" "$root/c/message.cpp" "$h
         *) emcc -std=c11 -pthread $flags -c "$source" -o "$object" ;;
     esac
 done
-# link NAME EXPORT [FLAG...]: the objects do for both modules, for pools go on with the threads that start:
-# none without -pthread here.
+# link NAME EXPORT [FLAG...]: the same objects are both modules: a pool goes on with the threads that start,
+# which is none without -pthread here.
 link() {
     name=$1
     export=$2

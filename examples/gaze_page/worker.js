@@ -31,7 +31,7 @@ const check = (status) => {
 /// The module of several threads; rejects where one of them does not start.
 async function loadThreads(count) {
     importScripts("rye_threads.js");
-    memory = new WebAssembly.Memory({ initial: 1024, maximum: 32768, shared: true });
+    memory = new WebAssembly.Memory({ initial: 1024, maximum: 32768, shared: true });  // as build.sh links it
     const begun = [], Plain = self.Worker;
     let reject;
     const failed = new Promise((_, no) => { reject = no; });
