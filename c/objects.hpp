@@ -3,7 +3,7 @@
 #pragma once
 
 #include <rye/backend/lanes.hpp>
-#if !defined(__EMSCRIPTEN__)
+#if !defined(__EMSCRIPTEN__) || defined(__EMSCRIPTEN_PTHREADS__)
 #include <rye/core/thread_pool.hpp>
 #endif
 
@@ -24,8 +24,9 @@ inline rye_options checked_options(const rye_options* options) {
     return *options;
 }
 
-/// The threads of an object. WebAssembly without shared memory has one.
-#if defined(__EMSCRIPTEN__)
+/// The threads of an object. WebAssembly that was compiled without -pthread has one; where its
+/// memory is not shared, or too few workers are at hand, a pool starts those that it can.
+#if defined(__EMSCRIPTEN__) && !defined(__EMSCRIPTEN_PTHREADS__)
 struct ObjectThreads {
     explicit ObjectThreads(int) {}
     Serial threads() { return {}; }

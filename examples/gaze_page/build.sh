@@ -1,10 +1,11 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # build.sh [AVATAR [OUT]]: the gaze page as one folder of files, OUT (build/gaze_page), to put on any
-# host, or to open from a disk: the page, rye as WebAssembly with SIMD, the avatar file, and these once
-# more in files.js, for browsers read no other files from a disk; and OUT/npm, a package. Without
-# AVATAR, or with "-", the avatar is left out, and the page asks for a file. Needs emscripten (Debian:
-# apt-get install emscripten), Eigen and xsimd; installs nothing. From the environment:
+# host, or to open from a disk: the page, rye as WebAssembly with SIMD, of one thread and of several
+# (rye_threads.*), the avatar file, and this and the module of one thread once more in files.js, for
+# browsers read no other files from a disk; and OUT/npm, a package. Without AVATAR, or with "-", the avatar
+# is left out, and the page asks for a file. Needs emscripten (Debian: apt-get install emscripten), Eigen
+# and xsimd; installs nothing. From the environment:
 #   EIGEN, XSIMD   folders of these
 #   POSTER         a picture that the page shows until the first of its own; what is no .webp is
 #                  converted by ffmpeg
@@ -58,14 +59,25 @@ for source in "$root/c/cloud.cpp" "$root/c/avatar.cpp" "$root/c/message.cpp" "$h
     fi
     # shellcheck disable=SC2086 # a list of options
     case $source in
-        *.cpp) em++ -std=c++20 $flags -c "$source" -o "$object" ;;
-        *) emcc -std=c11 $flags -c "$source" -o "$object" ;;
+        *.cpp) em++ -std=c++20 -pthread $flags -c "$source" -o "$object" ;;
+        *) emcc -std=c11 -pthread $flags -c "$source" -o "$object" ;;
     esac
 done
-# shellcheck disable=SC2086 # lists
-em++ $flags $objects -o "$out/rye.js" -sALLOW_MEMORY_GROWTH=1 -sINITIAL_MEMORY=67108864 \
-    -sENVIRONMENT=worker -sMODULARIZE=1 -sEXPORT_NAME=ryeModule -sFILESYSTEM=0 \
-    -sEXPORTED_FUNCTIONS=_malloc,_free -sEXPORTED_RUNTIME_METHODS=UTF8ToString,stringToUTF8
+# link NAME EXPORT [FLAG...]: the same objects are both modules: a pool goes on with the threads that start,
+# which is none without -pthread here.
+link() {
+    name=$1
+    export=$2
+    shift 2
+    # shellcheck disable=SC2086 # lists
+    em++ $flags "$@" $objects -o "$out/$name.js" -sALLOW_MEMORY_GROWTH=1 -sINITIAL_MEMORY=67108864 \
+        -sENVIRONMENT=worker -sMODULARIZE=1 -sEXPORT_NAME="$export" -sFILESYSTEM=0 \
+        -sEXPORTED_FUNCTIONS=_malloc,_free -sEXPORTED_RUNTIME_METHODS=UTF8ToString,stringToUTF8
+}
+link rye ryeModule
+# worker.js says how many threads, and has the memory. Views of it are short-lived, so it may grow.
+link rye_threads ryeThreadsModule -pthread -Wno-pthreads-mem-growth -sMAXIMUM_MEMORY=2147483648 \
+    -sPTHREAD_POOL_SIZE=Module.threads-1 -sPTHREAD_POOL_SIZE_STRICT=2
 
 # WebGPU's steps, and what calls them, as one script.
 {
@@ -111,7 +123,7 @@ sed -e "s|<!-- visitor -->|<script src=\"face.js\"></script><script src=\"visito
 # The same as a package for npm, whose example is npm/example.html.
 mkdir -p "$out/npm"
 version=$(sed -n 's/#define RYE_VERSION_[A-Z]* \([0-9]*\)/\1/p' "$root/include/rye/core/config.hpp" | paste -sd .)
-cp "$here"/npm/* "$here/worker.js" "$out/rye.js" "$out/rye.wasm" "$out/webgpu.js" "$root/LICENSE" "$out/npm/"
+cp "$here"/npm/* "$here/worker.js" "$out"/rye.* "$out"/rye_threads.* "$out/webgpu.js" "$root/LICENSE" "$out/npm/"
 sed "s/\"version\": \"[^\"]*\"/\"version\": \"$version\"/" "$here/npm/package.json" > "$out/npm/package.json"
 rm -f "$out/head.avatar" "$out/npm/head.avatar"
 [ "$avatar" = - ] || cp "$avatar" "$out/head.avatar"
@@ -127,7 +139,7 @@ rm -f "$out/head.avatar" "$out/npm/head.avatar"
     echo '};'
 } > "$out/files.js"
 printf 'gaze page: %s\n' "$out"
-for file in rye.wasm rye.js webgpu.js head.avatar files.js; do
+for file in rye.wasm rye.js rye_threads.wasm rye_threads.js webgpu.js head.avatar files.js; do
     [ ! -f "$out/$file" ] || printf '  %s %s bytes, %s compressed\n' "$file" \
         "$(wc -c < "$out/$file")" "$(gzip -9c "$out/$file" | wc -c)"
 done

@@ -24,8 +24,10 @@ static float* background; /* a number for each channel */
 
 EMSCRIPTEN_KEEPALIVE const char* page_message(void) { return rye_message(); }
 
-/* Opens the bytes of an avatar file; a picture is then page_camera's to size. */
-EMSCRIPTEN_KEEPALIVE int page_open(const char* name, const void* bytes, int size) {
+/* Opens the bytes of an avatar file, to be drawn by so many threads; a picture is then page_size's to
+ * size. */
+EMSCRIPTEN_KEEPALIVE int page_open(const char* name, const void* bytes, int size, int threads) {
+    rye_options options = RYE_INIT(rye_options);
     const rye_drivers no_drivers = RYE_INIT(rye_drivers);
     const rye_camera no_camera = RYE_INIT(rye_camera);
     const rye_avatar_info no_info = RYE_INIT(rye_avatar_info);
@@ -38,7 +40,8 @@ EMSCRIPTEN_KEEPALIVE int page_open(const char* name, const void* bytes, int size
     background = NULL;
     drivers = no_drivers, camera = no_camera, info = no_info, picture = no_picture;
     network = no_network;
-    rye_status status = rye_avatar_open_memory(name, bytes, (size_t)size, NULL, &avatar);
+    options.threads = threads;
+    rye_status status = rye_avatar_open_memory(name, bytes, (size_t)size, &options, &avatar);
     if (status == RYE_OK) status = rye_avatar_describe(avatar, &info);
     if (status == RYE_OK) status = rye_avatar_neutral(avatar, &drivers, &camera);
     if (status == RYE_OK) status = rye_avatar_upsampler(avatar, &network);
@@ -91,6 +94,14 @@ EMSCRIPTEN_KEEPALIVE int page_size(int width, int height) {
 EMSCRIPTEN_KEEPALIVE int page_look(float x, float y, float z) {
     const float point[3] = {x, y, z};
     return rye_avatar_gaze_at(avatar, &drivers, point, 0.8f, NULL);
+}
+
+/* Pitch and yaw of both eyes that look at a point of the world, 4; null on failure. Moves nothing. */
+EMSCRIPTEN_KEEPALIVE const float* page_aim(float x, float y, float z) {
+    static rye_drivers aimed;
+    const float point[3] = {x, y, z};
+    aimed = drivers;
+    return rye_avatar_gaze_at(avatar, &aimed, point, 1.22f, NULL) == RYE_OK ? aimed.gaze[0] : NULL;
 }
 
 static rye_status alive(rye_drivers* moved, double seconds, float range) {

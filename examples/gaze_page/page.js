@@ -7,7 +7,7 @@
 const element = (id) => document.getElementById(id);
 const canvas = element("picture");
 const context = canvas.getContext("2d", { alpha: false });
-const options = new URLSearchParams(location.search);  // ?avatar=FILE, ?draw=wasm or webgpu
+const options = new URLSearchParams(location.search);  // ?avatar=FILE, ?draw=wasm or webgpu, ?threads=MOST
 let worker = null;      // from start() on
 const degrees = 180 / Math.PI;
 const clamp = (x, low, high) => Math.min(high, Math.max(low, x));
@@ -20,6 +20,7 @@ const sides = window.ryeRemote ? [256, 512, 768, 1024] : [256, 384, 512];
 let side = 256;
 let pointer = null;     // [-1, 1] across and up the stage, where the eyes look
 let gaze = [0, 0, 0, 0], goal = [0, 0, 0, 0];  // left pitch, yaw, right pitch, yaw [rad]
+let goals = 0;          // those that no pointer set: an answer to a question from before is too late
 let expression = [], turn = [0, 0, 0];         // turn: yaw, pitch, roll of the head [rad]
 let pictures = 0, waiting = [];
 let lately = [];        // times of the last pictures [ms]
@@ -60,20 +61,21 @@ function pose() {
 }
 
 /// The angles at which both eyes look at a point: to the right of the middle of the head as the page shows
-/// it, above, and before it.
+/// it, above, and before it. The worker finds them.
+const questions = new Map();
+let asked = 0;
 function gazeTo([across, up, before]) {
     const [right, above, toward] = orbit.axes();
-    const p = pose(), r = rotation(p.slice(0, 3));
-    const target = plus(plus(plus(avatar.head, toward, before), right, across), above, up);
-    const angles = [];
-    for (const eye of [0, 1]) {
-        const centre = plus(times(r, avatar.eyes.slice(3 * eye, 3 * eye + 3).map((x) => x * avatar.scale)),
-                            p.slice(3));
-        const d = times(transposed(r), plus(target, centre, -1));
-        const pitch = Math.atan2(d[1], Math.hypot(d[0], d[2])), yaw = Math.atan2(d[0], d[2]);
-        angles.push(...within(eye, pitch, yaw));
-    }
-    return angles;
+    const point = plus(plus(plus(avatar.head, toward, before), right, across), above, up);
+    return new Promise((answer) => {
+        questions.set(++asked, answer);
+        worker.postMessage({ aim: { point, pose: pose(), expression }, id: asked });
+    });
+}
+function hearGaze({ aimed, id }) {
+    const angles = aimed ?? gaze;  // a point in an eye moves none
+    questions.get(id)([0, 1].flatMap((eye) => within(eye, angles[2 * eye], angles[2 * eye + 1])));
+    questions.delete(id);
 }
 /// Those at a point that the pointer shows, on a screen where a visitor would be, which spans 60 degrees:
 /// eyes turn in by some 6.
@@ -110,7 +112,7 @@ function show(drawn) {
     else context.putImageData(new ImageData(new Uint8ClampedArray(drawn.picture), drawn.width, drawn.height), 0, 0);
     element("poster")?.remove();
     state.frames += 1;
-    state.last = { ms: drawn.ms, work: drawn.work, by: drawn.by, note: drawn.note };
+    state.last = { ms: drawn.ms, work: drawn.work, by: drawn.by, note: drawn.note, threads: drawn.threads };
     if (state.firstPicture === null) state.firstPicture = performance.now() - begun;
     lately = [...lately.slice(-14), drawn.ms];
     const middle = [...lately].sort((a, b) => a - b)[lately.length >> 1];
@@ -118,7 +120,7 @@ function show(drawn) {
     element("moved").textContent = `${Math.round((100 * drawn.work.gaussians) / avatar.gaussians)} %`;
     element("redrawn").textContent =
         `${Math.round((100 * drawn.work.pixels) / (drawn.width * drawn.height))} %`;
-    const kinds = { webgpu: "WebGPU", wasm: "WebAssembly" };
+    const kinds = { webgpu: "WebGPU", wasm: drawn.threads > 1 ? `WebAssembly, ${drawn.threads} threads` : "WebAssembly" };
     element("by").textContent = kinds[drawn.by] ? kinds[drawn.by] + (drawn.note ? `: ${drawn.note}` : "") : "rye view";
     notice("");
 }
@@ -137,6 +139,7 @@ function hear({ data }) {
         return ask();
     }
     if (data.opened) return begin(data.opened);
+    if (data.aimed !== undefined) return hearGaze(data);
     busy = false;
     show(data);
     const done = waiting.filter((w) => w.id <= data.id);
@@ -152,9 +155,11 @@ function start(address, wasm = null) {
         notice(`The page could not start: ${fault.message || "WebAssembly with SIMD is needed"}`, true);
         state.errors.push(String(fault.message));
     };
-    const by = options.get("draw");
-    worker.postMessage({ start: wasm, by: by ?? "auto" });
+    const by = options.get("draw"), threads = options.get("threads");
+    worker.postMessage({ start: wasm, by: by ?? "auto", threads: threads === null ? undefined : Number(threads) });
     if (![null, "wasm", "webgpu"].includes(by)) throw new Error(`?draw: got ${by}, expected wasm or webgpu`);
+    if (threads !== null && !/^[1-9]\d?$/.test(threads))
+        throw new Error(`?threads: got ${threads}, expected a number from 1 on`);
 }
 
 /// Eyes move to their goal in a few pictures, as eyes do, and end exactly there. Where nobody has moved
@@ -224,6 +229,7 @@ function makeSliders() {
     eyeSliders = names.map((name, i) => slider(element("eyes"),
         { name, low: avatar.gazeLow[i], high: avatar.gazeHigh[i], value: gaze[i], ...angle }, (v) => {
             element("follow").checked = false;
+            ++goals;
             goal = [...goal];
             goal[i] = v;
             if (!element("apart").checked) {  // the other eye takes the same angle
@@ -278,26 +284,33 @@ function resize(size) {
 }
 
 /// A face without expression, as far as the training had one, that looks at the visitor.
-function rest() {
+async function reset() {
+    touched();
+    orbit.reset();
     turn = [0, 0, 0];
     expression = avatar.expression.map((_, i) => clamp(0, avatar.low[i], avatar.high[i]));
     pointer = [0, 0];
-    gaze = gazeAt(pointer);
-    goal = [...gaze];
-}
-
-function reset() {
-    orbit.reset();
-    rest();
     headSliders.forEach((s) => s.set(0));
     expressionSliders.forEach((s, i) => s.set(expression[i]));
+    const before = ++goals, angles = await gazeAt(pointer);
+    if (before === goals) goal = gaze = angles;
     showGaze();
     want({ gaze, expression, pose: pose(), motion: orbit.motion() });
 }
 
 // ---- pointer, fingers, keys ---------------------------------------------------------------------
-function follow() {
-    if (avatar && pointer && element("follow").checked) goal = gazeAt(pointer);
+let following = false, again = false;
+async function follow() {
+    if (!avatar || !pointer || !element("follow").checked) return;
+    again = true;
+    if (following) return;  // one question at a time
+    following = true;
+    while (again) {
+        again = false;
+        const before = goals, angles = await gazeAt(pointer);
+        if (before === goals) goal = angles;
+    }
+    following = false;
 }
 function look(x, y) {
     touched();
@@ -382,7 +395,8 @@ function open(buffer, name) {
 function begin(opened) {
     avatar = opened;
     orbit = new Orbit(avatar.motion, avatar.head);
-    rest();
+    gaze = goal = [...avatar.gaze];
+    expression = [...avatar.expression];
     side = sides.includes(avatar.width) ? avatar.width : 256;
     makeSliders();
     element("facts").textContent =
@@ -390,7 +404,7 @@ function begin(opened) {
     canvas.setAttribute("aria-label", `${avatar.name || "A head"}. ` +
         "Its eyes follow the pointer; drag, or press the arrow keys, to turn the camera.");
     state.avatar = avatar;
-    want({ gaze, expression, pose: pose(), motion: orbit.motion() });
+    reset();
 }
 
 /// For scripts: what is shown, and a picture by drivers of their own.
@@ -406,7 +420,10 @@ const state = {
     show(parts, width = side) {
         touched();
         side = width;
-        if (parts.gaze) goal = gaze = [...parts.gaze];
+        if (parts.gaze) {
+            ++goals;
+            goal = gaze = [...parts.gaze];
+        }
         return new Promise((resolve, reject) => {
             delete wanted.idle;
             Object.assign(wanted, parts.gaze ? {} : { gaze }, parts);

@@ -108,7 +108,8 @@
             const cm = avatar.radius / radiusOfHead;
             const [right, up, before] = Face.place(landmarks, data, video.videoWidth, video.videoHeight);
             // The camera looks out of the page, as the head does: its right is the page's left.
-            goal = gazeTo([-right * cm, up * cm, before * cm]);
+            const asked = goals;
+            gazeTo([-right * cm, up * cm, before * cm]).then((angles) => { if (asked === goals) goal = angles; });
             return;
         }
         const names = categories.map((c) => c.categoryName), scores = categories.map((c) => c.score);
@@ -116,6 +117,7 @@
         expression = Face.expression(from, scores, avatar, expression);
         expressionSliders.forEach((s, i) => s.set(expression[i]));
         const angles = Face.gaze(names, scores);
+        ++goals;
         if (angles) goal = [0, 1].flatMap((eye) => within(eye, ...angles.slice(2 * eye, 2 * eye + 2)));
         gaze = [...goal];      // as soon as the expression
         showGaze();

@@ -1,39 +1,91 @@
 // SPDX-License-Identifier: Apache-2.0
 // worker.js: rye in a thread of its own, so that the page stays responsive. Messages in:
-//   {start: ArrayBuffer or null, by}    the first: rye.wasm, or that it is to be read from the host.
-//     `by`: "wasm"; "webgpu", of software too; otherwise WebGPU once it is ready, where it is hardware
+//   {start: ArrayBuffer or null, by, threads}   the first: rye.wasm, or that it is to be read from the host.
+//     `by`: "wasm"; "webgpu", of software too; otherwise WebGPU once it is ready, where it is hardware.
+//     `threads`: at most so many, where the page is cross-origin isolated; without it one for each processor
 //   {open: ArrayBuffer, name}           an avatar file
 //   {draw: {gaze, expression, pose, motion, background, width, height}, id}   any of these; the rest
 //     stays. With `lookAt`, a point of the world, both eyes look there; with `idle`, seconds, they
 //     live by themselves, in this picture alone
-// Messages out: {opened: {...}}, {picture: ArrayBuffer, width, height, id, ms, work, by, note},
-// {error: text}. `by` says what drew it, `note` why that is not WebGPU.
+//   {aim: {point, pose, expression}, id}   at which angles would the eyes of such a head look at this point
+//     of the world?
+// Messages out: {opened: {...}}, {aimed: left pitch, yaw, right pitch, yaw [rad], or null, id},
+// {picture: ArrayBuffer, width, height, id, ms, work, by, note, threads}, {error: text}. `by` says what drew it, `note` why that is not WebGPU, `threads` how many WebAssembly has.
 "use strict";
 
-// From a disk the page has put rye.js, and webgpu.js, before this.
-if (typeof ryeModule === "undefined") importScripts("rye.js");
-
-let rye = null, by = "auto";
+let rye = null, by = "auto", threads = 1;
+let memory = null;      // that threads share
 let drawing = null;     // by WebGPU
 let note = "";          // why there is none
 let opened = 0;         // avatars
 
-const floats = (at, count) => Array.from(new Float32Array(rye.HEAPF32.buffer, at, count));
-const here = (at, count) => new Float32Array(rye.HEAPF32.buffer, at, count);
+const buffer = () => (memory ?? rye.HEAPU8).buffer;  // another thread may have made the memory grow
+const here = (at, count) => new Float32Array(buffer(), at, count);
+const floats = (at, count) => Array.from(here(at, count));
+const integers = (at, count) => Array.from(new Int32Array(buffer(), at, count));
 const write = (at, values) => here(at, values.length).set(values);
 const check = (status) => {
     if (status !== 0) throw new Error(rye.UTF8ToString(rye._page_message()));
 };
 
-async function open(buffer, name) {
-    const bytes = new Uint8Array(buffer), at = rye._malloc(bytes.length);
+/// The module of several threads; rejects where one of them does not start.
+async function loadThreads(count) {
+    importScripts("rye_threads.js");
+    memory = new WebAssembly.Memory({ initial: 1024, maximum: 32768, shared: true });  // as build.sh links it
+    const begun = [], Plain = self.Worker;
+    let reject;
+    const failed = new Promise((_, no) => { reject = no; });
+    const fail = (event) => {
+        event.preventDefault();
+        event.stopImmediatePropagation();  // emscripten would throw it where nothing can catch it
+        reject(event);
+    };
+    self.Worker = class extends Plain {
+        constructor(...of) {
+            super(...of);
+            this.addEventListener("error", fail);
+            begun.push(this);
+        }
+    };
+    try {
+        const module = await Promise.race([failed, ryeThreadsModule({ threads: count, wasmMemory: memory,
+            printErr() {}, mainScriptUrlOrBlob: new URL("rye_threads.js", location.href).href })]);
+        for (const worker of begun) worker.removeEventListener("error", fail);
+        return module;
+    } catch (fault) {
+        for (const worker of begun) worker.terminate();
+        throw fault;
+    } finally {
+        self.Worker = Plain;
+    }
+}
+
+/// Loads the module of several threads where the page may have them, else that of one. From a disk the
+/// page has put rye.js, and webgpu.js, before this, and `binary` is rye.wasm.
+async function load(binary, most) {
+    const count = Math.min(most ?? Math.min(navigator.hardwareConcurrency || 1, 8), 32);
+    if (!binary && self.crossOriginIsolated && count > 1) {
+        try {
+            rye = await loadThreads(count);
+            threads = count;
+            return;
+        } catch {
+            memory = null;  // one thread draws the same
+        }
+    }
+    if (typeof ryeModule === "undefined") importScripts("rye.js");
+    rye = await ryeModule(binary ? { wasmBinary: binary } : {});
+}
+
+async function open(file, name) {
+    const bytes = new Uint8Array(file), at = rye._malloc(bytes.length);
     const text = rye._malloc(4 * name.length + 1);
     rye.stringToUTF8(name, text, 4 * name.length + 1);
-    rye.HEAPU8.set(bytes, at);
+    new Uint8Array(buffer()).set(bytes, at);
     drawing?.close();
     drawing = null;
     try {
-        check(rye._page_open(text, at, bytes.length));
+        check(rye._page_open(text, at, bytes.length, threads));
     } finally {
         rye._free(at);
         rye._free(text);
@@ -68,7 +120,7 @@ async function open(buffer, name) {
 
 // ---- WebGPU -------------------------------------------------------------------------------------
 function shapeOfNetwork() {
-    const [channels, capacity, doublings, normalized, skip] = rye.HEAP32.subarray(rye._page_network() >> 2);
+    const [channels, capacity, doublings, normalized, skip] = integers(rye._page_network(), 5);
     return { channels, capacity, doublings, normalized, skip };
 }
 
@@ -129,7 +181,17 @@ async function byWebGpu(idle, width, height) {
 function byWasm(idle, width, height) {
     check(rye._page_draw(idle, 0.5));
     const at = rye._page_pixels();
-    return rye.HEAPU8.slice(at, at + 4 * width * height).buffer;
+    return new Uint8Array(buffer(), at, 4 * width * height).slice().buffer;
+}
+
+function aim({ point, pose, expression }) {
+    const places = [rye._page_pose(), rye._page_expression()];
+    const kept = [floats(places[0], 6), floats(places[1], rye._page_expressions())];
+    write(places[0], pose);
+    write(places[1], expression);
+    const at = rye._page_aim(...point), angles = at === 0 ? null : floats(at, 4);
+    kept.forEach((values, i) => write(places[i], values));
+    return angles;
 }
 
 async function draw(wanted) {
@@ -151,20 +213,21 @@ async function draw(wanted) {
     const gpu = Boolean(picture);
     picture ||= byWasm(idle, width, height);
     const ms = performance.now() - begun;
-    const [gaussians, tiles, pixels] = rye.HEAP32.subarray(rye._page_work() >> 2);
+    const [gaussians, tiles, pixels] = integers(rye._page_work(), 3);
     const work = gpu ? { gaussians, tiles: drawing.splats.tiles, pixels: width * height }
                      : { gaussians, tiles, pixels };
-    return { picture, width, height, ms, by: gpu ? "webgpu" : "wasm", note, work };
+    return { picture, width, height, ms, by: gpu ? "webgpu" : "wasm", note, threads, work };
 }
 
 async function act(data) {
     try {
         if ("start" in data) {
             by = data.by ?? "auto";
-            rye = await ryeModule(data.start ? { wasmBinary: data.start } : {});
+            await load(data.start, data.threads);
         }
         if (!rye) throw new Error("rye could not start");
         if (data.open) postMessage({ opened: await open(data.open, data.name) });
+        if (data.aim) postMessage({ aimed: aim(data.aim), id: data.id });
         if (data.draw) {
             const drawn = await draw(data.draw);
             drawn.id = data.id;

@@ -13,8 +13,8 @@ const kinds = { ".html": "text/html", ".css": "text/css", ".js": "text/javascrip
                 ".wasm": "application/wasm", ".png": "image/png", ".jpg": "image/jpeg",
                 ".svg": "image/svg+xml" };
 
-/// Serves the files of folders, the first that has one; nothing else.
-function serve(folders) {
+/// Serves the files of folders, the first that has one; nothing else. `headers`: further ones of each.
+function serve(folders, headers = {}) {
     const server = http.createServer((request, answer) => {
         const name = decodeURIComponent(new URL(request.url, "http://x").pathname).replace(/\/$/, "/index.html");
         const file = folders.map((folder) => path.join(folder, path.normalize(name)))
@@ -23,7 +23,7 @@ function serve(folders) {
             answer.writeHead(404).end();
             return;
         }
-        answer.writeHead(200, { "Content-Type": kinds[path.extname(file)] || "application/octet-stream" });
+        answer.writeHead(200, { "Content-Type": kinds[path.extname(file)] || "application/octet-stream", ...headers });
         fs.createReadStream(file).pipe(answer);
     });
     return new Promise((resolve) => server.listen(0, "127.0.0.1", () => resolve(server)));

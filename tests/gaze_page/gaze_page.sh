@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # gaze_page.sh RYE WORK: builds examples/gaze_page with an avatar of half the size that `--preset
 # cpu` trains, of a few steps (its skin moves more than that of a trained one), and has a headless Chromium
-# visit it (test.js), has that draw by WebGPU (webgpu.js), that head and one whose network doubles and
-# normalises; then the head as `rye view` draws it (view.js). Where emscripten, node or Chromium is missing
-# it says so and ends with 77. From the environment:
+# visit it (test.js), has that draw by several threads (threads.js) and by WebGPU (webgpu.js), that head and
+# one whose network doubles and normalises; then the head as `rye view` draws it (view.js). Where emscripten,
+# node or Chromium is missing it says so and ends with 77. From the environment:
 #   CHROMIUM   the browser (default: chromium, chromium-browser or google-chrome)
 #   MEDIAPIPE and LANDMARKER   as for build.sh: then visitor.js shows the page's camera a face
 #   AVATAR and REFERENCE, DRIVERS   instead of its own: an avatar file, a picture of it by
@@ -60,6 +60,7 @@ MORE="$here/features.c" POSTER="$poster" sh "$here/../../examples/gaze_page/buil
 doubled=
 [ ! -f "$work/doubled.avatar" ] || { doubled=doubled.avatar; cp "$work/$doubled" "$work/page/"; }
 node "$here/test.js" "$chromium" "$work/page" "$reference" "$drivers" "$work/pictures"
+node "$here/threads.js" "$chromium" "$work/page" "$work/pictures" ${doubled:+"$doubled"}
 node "$here/webgpu.js" "$chromium" "$work/page" "$work/pictures" ${doubled:+"$doubled"}
 node "$here/face.js"
 if [ -z "${MEDIAPIPE:-}" ] || [ -z "$poster" ] || [ ! -d "$work/capture" ]; then

@@ -73,7 +73,7 @@ async function main() {
         console.log(`avatar of ${facts.g} Gaussians, pictures of ${facts.w} x ${facts.w}`);
 
         const gaze = drivers.split(",").map((d) => (Number(d) * Math.PI) / 180);
-        const met = await b.evaluate(`(() => { const at = gazeAt([0, 0]);
+        const met = await b.evaluate(`(async () => { const at = await gazeAt([0, 0]);
             return [Math.max(...gaze.map((g, i) => Math.abs(g - at[i]))),
                     Math.max(...expression.map((x, i) => Math.abs(x - clamp(0, gazePage.avatar.low[i], gazePage.avatar.high[i]))))]; })()`);
         figure("at first: off the visitor [rad], off no expression", met.map((x) => x.toFixed(3)).join(", "),
@@ -102,7 +102,7 @@ async function main() {
         const move = async (x, y) => {
             await b.call("Input.dispatchMouseEvent", { type: "mouseMoved", x: stage[0] + x * stage[2],
                                                        y: stage[1] + y * stage[3] });
-            await b.until("gaze.every((g, i) => g === goal[i]) && !busy && Object.keys(wanted).length === 0", 20000);
+            await b.until("!following && gaze.every((g, i) => g === goal[i]) && !busy && Object.keys(wanted).length === 0", 20000);
         };
         await move(0.2, 0.45);
         await b.evaluate(keep("left"));
@@ -121,8 +121,8 @@ async function main() {
         const moved = await b.evaluate(`gazePage.show({ gaze: gaze.map((g) => g + 0.01) }).then((l) => l.work)`);
         figure("share of the Gaussians that a gaze moves", (moved.gaussians / facts.g).toFixed(3),
                moved.gaussians > 0 && moved.gaussians < 0.6 * facts.g, "above 0, below 0.6");
-        const still = await b.evaluate(`gazePage.show({}).then((l) => l.work)`);
-        figure("Gaussians moved, pixels drawn where nothing changed", `${still.gaussians}, ${still.pixels}`,
+        const still = await b.evaluate(`gazeAt([0.7, 0.2]).then(() => gazePage.show({})).then((l) => l.work)`);
+        figure("Gaussians moved, pixels drawn after a question alone", `${still.gaussians}, ${still.pixels}`,
                still.gaussians === 0 && still.pixels === 0, "0, 0");
 
         // Each eye by itself.
@@ -222,7 +222,7 @@ async function main() {
         for (const x of [0.15, 0.85]) {
             await b.call("Input.dispatchTouchEvent", { type: "touchStart", touchPoints: [{ x: 390 * x, y: 120 }] });
             await b.call("Input.dispatchTouchEvent", { type: "touchEnd", touchPoints: [] });
-            await b.until("gaze.every((g, i) => g === goal[i]) && !busy", 20000);
+            await b.until("!following && gaze.every((g, i) => g === goal[i]) && !busy", 20000);
             looks.push(await b.evaluate("gaze[1]"));
         }
         figure("turn of an eye by a finger [rad]", (looks[1] - looks[0]).toFixed(2),

@@ -68,6 +68,9 @@ async function main() {
         figure("rye view: PSNR to rye redirect, through JPEG [dB]", quality.toFixed(1), quality >= 38, "at least 38");
         await b.screenshot(path.join(out, "view.png"));
 
+        const looks = await b.evaluate("Promise.all([[-1, 0], [1, 0]].map(gazeAt))");
+        const turned = Math.min(looks[1][1] - looks[0][1], looks[1][3] - looks[0][3]);
+        figure("turn of each eye from one side of the page to the other [rad]", turned.toFixed(2), turned > 0.2, "above 0.2");
         const chosen = await b.evaluate(`(async () => {
             const all = [];
             for (const id of ["accuracy", "effects"]) {

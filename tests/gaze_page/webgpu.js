@@ -9,6 +9,7 @@
 const fs = require("node:fs");
 const path = require("node:path");
 const { Browser, serve } = require("../../examples/video_tracker/browser.js");
+const { sum } = require("./from_disk.js");
 const { Figures } = require("./measures.js");
 
 const [chromium, page, out, another] = process.argv.slice(2);
@@ -151,9 +152,6 @@ async function drawsAlike(b, url, frames, picture) {
 }
 
 async function losesNothing(b, url) {
-    const sum = `(() => { const c = document.getElementById("picture");
-        return c.getContext("2d").getImageData(0, 0, c.width, c.height).data
-            .reduce((h, byte) => (Math.imul(h, 16777619) ^ byte) >>> 0, 2166136261); })()`;
     const shown = `gazePage.show({ gaze: [0, 0.2, 0, 0.2] }, 256)`;
     await visit(b, `${url}?draw=wasm`);
     const plain = await b.evaluate(shown), right = await b.evaluate(sum);
@@ -203,21 +201,24 @@ async function losesNothing(b, url) {
     server.close();
 }
 
-async function inPackage(b, url) {
-    await b.call("Page.navigate", { url });
+/// Cross-origin isolated: WebGPU reads a memory that threads share.
+async function inPackage(b) {
+    const server = await serve([page], { "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Embedder-Policy": "require-corp" });
+    await b.call("Page.navigate", { url: `http://127.0.0.1:${server.address().port}/npm/example.html` });
     await b.until("window.head !== undefined", 60000);
     const pack = await b.evaluate(`(async () => {
         const { Head } = await import("./head.mjs"), bytes = await (await fetch("head.avatar")).arrayBuffer();
-        const head = await Head.open(bytes.slice(0), { draw: "webgpu" });
+        const head = await Head.open(bytes.slice(0), { draw: "webgpu", threads: 2 });
         const parts = { gaze: [0, 0.2, 0, 0.2], width: 64 };
         const [a, c] = await Promise.all([head.draw(parts), head.draw({ gaze: [0, -0.2, 0, -0.2], width: 64 })]);
         const other = await (await Head.open(bytes, { draw: "wasm" })).draw(parts);
         const fault = await Head.open("head.avatar", { draw: "gl" }).then(() => "", (e) => e.message);
         const short = await head.draw({ background: [1] }).then(() => "", (e) => e.message);
         const off = (p, q) => p.picture.data.reduce((m, x, i) => Math.max(m, Math.abs(x - q.picture.data[i])), 0);
-        return { by: [a.by, c.by, other.by].join(), apart: off(a, other), turned: off(a, c), fault, short };
+        return { by: [a.by, c.by, other.by, a.threads].join(), apart: off(a, other), turned: off(a, c), fault, short };
     })()`);
-    figure("rye-head: drawn by", pack.by, pack.by === "webgpu,webgpu,wasm", "webgpu,webgpu,wasm");
+    server.close();
+    figure("rye-head: drawn by, threads", pack.by, pack.by === "webgpu,webgpu,wasm,2", "webgpu,webgpu,wasm,2");
     figure("... off WebAssembly, and off another gaze", `${pack.apart}, ${pack.turned}`,
            pack.apart <= 1 && pack.turned > 4, "at most 1, above 4");
     figure("... a wrong `draw`, a wrong background are errors", "", /^draw: got gl/.test(pack.fault) &&
@@ -235,7 +236,7 @@ async function main() {
             if (another) await drawsAlike(b, `${url}?draw=webgpu&avatar=${another}`, [frames[1], frames[6], frames[8]],
                                               "doubled.png");
             await losesNothing(b, url);
-            await inPackage(b, `${url}npm/example.html`);
+            await inPackage(b);
         }
         figure("errors of the page and of the console", String(b.faults.length), b.faults.length === 0, "0");
         for (const fault of b.faults) console.log(`  ${fault}`);

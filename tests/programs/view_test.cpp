@@ -67,6 +67,11 @@ class Asked : public ViewedScene {
     void add_life(double seconds, Drivers<float>& d) override {
         d.expression[0] = static_cast<float>(seconds);
     }
+    void look_to(const Vec3<float>& point, Drivers<float>& d) override {
+        const float turn = d.pose[1] + d.expression[1];
+        d.gaze[0] = gaze_vector(point[1], point[0] - turn);
+        if (point[2] == 0) d.gaze[1].setConstant(std::nanf(""));
+    }
     ViewedPicture draw(const ViewWish& w) override {
         require(w.accuracy != "bad", "accuracy", "got bad");
         last = w;
@@ -212,6 +217,20 @@ TEST_CASE("a page is told of the scene, and drawn what it asks for") {
     CHECK(scene.last.drivers.expression[0] == 2.5f);
     draw("{}");
     CHECK(scene.last.drivers.expression[0] == 1);
+    // Where eyes look is said, and changes no picture.
+    const auto aim = [&](const std::string& body) { return page.answer({"POST", "aim", body}); };
+    const Json aimed = Json::parse(
+        aim(R"({"point":[0.25,0.1,3],"pose":[0,0.3,0,0,0,0],"expression":[0,0.2]})").body)["aimed"];
+    CHECK(std::abs(aimed.at(0).get<float>() - 0.1f) < 1e-6f);
+    CHECK(std::abs(aimed.at(1).get<float>() + 0.25f) < 1e-6f);
+    CHECK(std::abs(aimed.at(3).get<float>() - 0.4f) < 1e-6f);
+    CHECK_FAULT(aim("{}"), "aim: point: got none, expected 3 numbers");
+    CHECK_FAULT(aim("[]"), "aim: got [], expected an object");
+    CHECK_FAULT(aim(R"({"point":[1,2]})"), "aim: point: got 2 numbers, expected 3");
+    CHECK_FAULT(aim(R"({"point":[1,2,0]})"), "aim: point: got the middle of an eye");
+    draw("{}");
+    CHECK((scene.last.drivers.gaze[0] - gaze_vector(0.1f, 0.2f)).norm() < 1e-6f);
+    CHECK(scene.last.drivers.pose[1] == 0);
     const Json prices = Json::parse(page.answer({"POST", "prices", "{}"}).body);
     CHECK(prices.at(0).at("most") == 0.25);
     CHECK(prices.at(1).at("ms") == 7);

@@ -55,16 +55,19 @@ export interface Drawn {
     /** What drew it, and, if not WebGPU though that was tried, why. */
     readonly by: "wasm" | "webgpu";
     readonly note: string;
+    /** Threads of WebAssembly; one unless the page is cross-origin isolated. */
+    readonly threads: number;
 }
 
 export class Head {
     /** Opens an avatar file by its address, or its bytes; rejects with a sentence for a damaged one.
      *  `draw`: without it pictures are WebGPU's once that is ready, where it is hardware, and
      *  WebAssembly's otherwise; "wasm" is never WebGPU, "webgpu" is so on software too, from the first
-     *  picture on. Where WebGPU fails WebAssembly goes on, and `note` of a picture says why. */
+     *  picture on. Where WebGPU fails WebAssembly goes on, and `note` of a picture says why. In a page
+     *  that is cross-origin isolated WebAssembly has a thread for each processor, up to 8, or `threads`. */
     static open(
         avatar: string | URL | ArrayBuffer | Blob,
-        options?: { worker?: string | URL; name?: string; draw?: "wasm" | "webgpu" },
+        options?: { worker?: string | URL; name?: string; draw?: "wasm" | "webgpu"; threads?: number },
     ): Promise<Head>;
     readonly avatar: Avatar;
     draw(parts?: Parts): Promise<Drawn>;

@@ -11,6 +11,9 @@ export class Head {
     static async open(avatar, options = {}) {
         if (![undefined, "wasm", "webgpu"].includes(options.draw))
             throw new RangeError(`draw: got ${options.draw}, expected "wasm" or "webgpu"`);
+        const { threads } = options;
+        if (threads !== undefined && !(Number.isInteger(threads) && threads >= 1))
+            throw new RangeError(`threads: got ${threads}, expected a number from 1 on`);
         let bytes = avatar;
         if (typeof avatar === "string" || avatar instanceof URL) {
             const answer = await fetch(avatar);
@@ -23,7 +26,7 @@ export class Head {
         try {
             head.avatar = await new Promise((resolve, reject) => {
                 head.#opened = { resolve, reject };
-                head.#worker.postMessage({ start: null, by: options.draw ?? "auto" });
+                head.#worker.postMessage({ start: null, by: options.draw ?? "auto", threads });
                 head.#worker.postMessage({ open: bytes, name: String(options.name ?? "avatar") });
             });
         } catch (fault) {
@@ -78,7 +81,8 @@ export class Head {
             return waits ? waits.reject(fault) : this.#opened.reject(fault);
         }
         const picture = new ImageData(new Uint8ClampedArray(data.picture), data.width, data.height);
-        waits?.resolve({ picture, ms: data.ms, work: data.work, by: data.by, note: data.note });
+        const { ms, work, by, note, threads } = data;
+        waits?.resolve({ picture, ms, work, by, note, threads });
     }
     #fail(fault) {
         this.#opened?.reject(fault);

@@ -11,7 +11,8 @@ window.ryeRemote = {
 
     async postMessage(message) {
         try {
-            this.onmessage({ data: message.draw ? await this.draw(message) : await this.open() });
+            this.onmessage({ data: message.aim ? await this.aim(message)
+                                 : message.draw ? await this.draw(message) : await this.open() });
         } catch (fault) {
             const ended = fault instanceof TypeError; // of fetch
             this.onmessage({ data: { error: ended ? "rye view has ended" : fault.message, id: message.id } });
@@ -22,6 +23,11 @@ window.ryeRemote = {
         const answer = await fetch(path, body ? { method: "POST", body: JSON.stringify(body) } : {});
         if (!answer.ok) throw new Error(await answer.text());
         return answer;
+    },
+
+    async aim({ aim, id }) {
+        const told = await this.asked("aim", aim).then((answer) => answer.json(), () => ({ aimed: null }));
+        return { ...told, id };
     },
 
     async draw({ draw, id }) {

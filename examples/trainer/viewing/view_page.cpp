@@ -21,19 +21,28 @@ constexpr double largest_number = 1e9, most_life = 3600;
 
 /// Returns the numbers of a field, which has `count` of them; empty if there is no such field.
 template <class T = float>
-std::vector<T> numbers_of(const Json& request, const char* key, Index count) {
+std::vector<T> numbers_of(const Json& request, const char* key, Index count,
+                          const std::string& who = "draw") {
     if (!request.contains(key)) return {};
-    const std::string who = "draw";
     const Json& list = json_list(request, key, who, "a list of numbers");
-    require(list.size() == static_cast<std::size_t>(count), std::string("draw: ") + key, "got ",
-            list.size(), " numbers, expected ", count);
+    const std::string field = who + ": " + key;
+    require(list.size() == static_cast<std::size_t>(count), field, "got ", list.size(),
+            " numbers, expected ", count);
     std::vector<T> numbers;
     for (const Json& x : list) {
-        numbers.push_back(static_cast<T>(json_number(x, std::string("draw: ") + key)));
-        require(std::abs(static_cast<double>(numbers.back())) <= largest_number,
-                std::string("draw: ") + key, "got ", numbers.back(), ", expected at most 1e9");
+        numbers.push_back(static_cast<T>(json_number(x, field)));
+        require(std::abs(static_cast<double>(numbers.back())) <= largest_number, field, "got ",
+                numbers.back(), ", expected at most 1e9");
     }
     return numbers;
+}
+
+Json object_of(const std::string& body, const std::string& who) {
+    Json request = parse_json_text(body, who);
+    require(
+        request.is_object(), who, "got ", [&] { return json_excerpt(request); },
+        ", expected an object");
+    return request;
 }
 
 int side_of(const Json& request, const char* key, int otherwise) {
@@ -98,10 +107,7 @@ ViewedScene& ViewPage::scene() {
 
 WebAnswer ViewPage::picture(const std::string& body) {
     ViewedScene& shown = scene();
-    const Json request = parse_json_text(body, "draw");
-    require(
-        request.is_object(), "draw", "got ", [&] { return json_excerpt(request); },
-        ", expected an object");
+    const Json request = object_of(body, "draw");
     ViewWish wish = wish_;
     change(wish, request);
     ViewWish moved = wish;
@@ -116,6 +122,29 @@ WebAnswer ViewPage::picture(const std::string& body) {
     const Bytes jpeg = encode_jpeg(to_8bit(p.picture), quality, "rye view");
     const Json told{{"ms", p.ms}, {"work", {{"gaussians", p.gaussians}, {"pixels", p.pixels}}}};
     return {200, "image/jpeg", std::string(as_text(jpeg)), {{"X-Rye", told.dump()}}};
+}
+
+WebAnswer ViewPage::aimed(const std::string& body) {
+    ViewedScene& shown = scene();
+    const Json request = object_of(body, "aim");
+    const std::vector<float> point = numbers_of(request, "point", 3, "aim"),
+                             pose = numbers_of(request, "pose", 6, "aim");
+    require(!point.empty(), "aim: point", "got none, expected 3 numbers");
+    Drivers<float> d = wish_.drivers;
+    const std::vector<float> expression =
+        numbers_of(request, "expression", d.expression.size(), "aim");
+    if (!pose.empty()) d.pose = Eigen::Map<const Vec<float, 6>>(pose.data());
+    if (!expression.empty())
+        d.expression = Eigen::Map<const VecX<float>>(expression.data(), d.expression.size());
+    shown.look_to(Vec3<float>(point[0], point[1], point[2]), d);
+    Json angles = Json::array();
+    for (const Vec3<float>& gaze : d.gaze) {
+        const Vec2<float> a = pitch_yaw(gaze);
+        require(std::isfinite(a[0]) && std::isfinite(a[1]), "aim: point",
+                "got the middle of an eye, expected one outside of the eyes");
+        angles.insert(angles.end(), {a[0], a[1]});
+    }
+    return json_answer({{"aimed", angles}});
 }
 
 WebAnswer ViewPage::answer(const WebRequest& r) {
@@ -150,6 +179,7 @@ WebAnswer ViewPage::answer(const WebRequest& r) {
         return json_answer(opened);
     }
     if (r.path == "draw" && r.method == "POST") return picture(r.body);
+    if (r.path == "aim" && r.method == "POST") return aimed(r.body);
     if (r.path == "prices" && r.method == "POST") {
         Json list = Json::array();
         ViewWish wish = wish_;

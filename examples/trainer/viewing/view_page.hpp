@@ -39,6 +39,8 @@ class ViewPage {
     ///   each
     ///                    optional: the picture as JPEG; times and work in the header X-Rye. idle:
     ///                    seconds that the eyes have lived by themselves, in this picture alone
+    ///   POST aim         {point, pose, expression}: {"aimed": angles [rad] at which the eyes of
+    ///                    such a head look at a point of the world}
     ///   POST prices      what each accuracy costs in the last picture
     ///   GET  news        {scene, live, words}
     /// Throws an Error for fields of another kind or out of bounds.
@@ -46,6 +48,7 @@ class ViewPage {
 
   private:
     WebAnswer picture(const std::string& body);
+    WebAnswer aimed(const std::string& body);
     ViewedScene& scene();
 
     std::unique_ptr<ViewedScene> scene_;

@@ -54,6 +54,8 @@ class ViewedScene {
     virtual ViewWish first() const = 0;
     /// Moves the eyes as they live by themselves after so many seconds, 0 to 3600.
     virtual void add_life(double, Drivers<float>&) {}
+    /// Turns both eyes to a point of the world.
+    virtual void look_to(const Vec3<float>&, Drivers<float>&) {}
     /// Throws an Error for drivers, a camera or names that do not suit the scene.
     virtual ViewedPicture draw(const ViewWish& wish) = 0;
     virtual std::vector<ViewedPrice> prices(const ViewWish& wish) = 0;

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <optional>
 
+#include <rye/avatar/gaze_at.hpp>
 #include <rye/avatar/idle_head.hpp>
 #include <rye/capture/avatar_file.hpp>
 #include <rye/interactive/player.hpp>
@@ -116,6 +117,14 @@ class ViewedHead : public ViewedScene {
             idle_->at(seconds),
             rye::lid_coefficients(playable_.expression_names, playable_.ranges.expression_high),
             range, d);
+    }
+
+    void look_to(const Vec3<float>& point, Drivers<float>& d) override {
+        constexpr float range = 1.22F; // as the page has it
+        const GazeTarget<float> target = target_in_head(head_placement(d), {point});
+        const AimedEyes<float> aimed =
+            gazes_at(train_backend(), playable_.avatar.eyes, playable_.config, d, target, range);
+        for (std::size_t e = 0; e < 2; ++e) d.gaze[e] = aimed[e].visual;
     }
 
     ViewedPicture draw(const ViewWish& wish) override {
