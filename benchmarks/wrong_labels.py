@@ -3,8 +3,9 @@
 """wrong_labels.py OUT CAPTURE...: what errors of labels, cameras and pictures cost. Copies each capture
 with the errors that docs/flaws.md lists (rye flaw), trains on each copy, measures against the capture
 itself, and prints one Markdown table: means over seeds, with sample standard deviations if there are
-several. A seed is that of the errors and of the training. "Aligned" is measured by --align-head. Results
-in OUT are kept: a call that was stopped goes on. After `sh benchmarks/judge/judge.sh OUT` the same call
+several. A seed is that of the errors and of the training. "By the run" measures what no picture decides
+otherwise: test frames have the head frame of the run (--align-head) and, as frames of a rig whose cameras
+were measured wrongly, the same wrong cameras, which the run has corrected. Results in OUT are kept: a call that was stopped goes on. After `sh benchmarks/judge/judge.sh OUT` the same call
 prints the judge's columns, too. Exit status 1 if a training failed; the table then says so. Run from
 anywhere."""
 import argparse
@@ -85,10 +86,15 @@ def train_and_measure(o, free, capture, name, seed):
              "--preset", o.preset, "--seed", seed, "--overwrite", *extra)
         (folder / "seconds").write_text(str(time.time() - begin))
         # the cameras of `gains` draw the test frames, too
-        measured = copy if name == "gains" else capture
-        evaluate = [o.rye, "evaluate", "--run", run, "--capture", measured]
-        call(log, env, *evaluate, "--align-head", "--out", folder / "aligned")
-        call(log, env, *evaluate)
+        measured = by_run = copy if name == "gains" else capture
+        if name in ("cameras", "all"):
+            by_run = folder / "cameras"
+            if not by_run.exists():
+                call(log, env, o.rye, "flaw", "--capture", capture, "--out", by_run, "--seed", seed,
+                     "--labels", "all", *CAMERAS)
+        evaluate = [o.rye, "evaluate", "--run", run, "--capture"]
+        call(log, env, *evaluate, by_run, "--align-head", "--out", folder / "by_run")
+        call(log, env, *evaluate, measured)
     finally:
         free.put(device)
 
@@ -96,13 +102,13 @@ def train_and_measure(o, free, capture, name, seed):
 def figures(folder):
     try:
         r = json.loads((folder / "run/results.json").read_text())["all"]
-        aligned = json.loads((folder / "aligned/results.json").read_text())["all"]
+        by_run = json.loads((folder / "by_run/results.json").read_text())["all"]
         seconds = float((folder / "seconds").read_text())
     except FileNotFoundError:
         return None
     seen, render = r["eyes_visible"], r["gaze"]["render"]
-    return {"head": r["head"]["psnr"], "aligned": aligned["head"]["psnr"],
-            "gaze_aligned": aligned["gaze"]["render"]["degrees"], "ssim": r["head"]["ssim"],
+    return {"head": r["head"]["psnr"], "by_run": by_run["head"]["psnr"],
+            "gaze_by_run": by_run["gaze"]["render"]["degrees"], "ssim": r["head"]["ssim"],
             "face": r["face"]["psnr"], "eyes": r["eyes"]["psnr"], "gaze": render["degrees"],
             "where_found": render["degrees_where_found"], "found": 100 * render["found"] / max(seen, 1),
             "without": r["gaze_without_labels"]["render"]["degrees"], "seconds": seconds,
@@ -119,9 +125,9 @@ def shown(values, digits, unit):
 def table(o, captures, sets, seeds):
     columns = [("head", 2, " dB"), ("ssim", 3, ""), ("face", 2, " dB"), ("eyes", 2, " dB"), ("gaze", 2, "°"),
                ("where_found", 2, "°"), ("found", 0, " %"), ("without", 2, "°"),
-               ("aligned", 2, " dB"), ("gaze_aligned", 2, "°"), ("seconds", 0, "")]
+               ("by_run", 2, " dB"), ("gaze_by_run", 2, "°"), ("seconds", 0, "")]
     print("| capture | errors | seeds | head: PSNR | SSIM | face | eyes | gaze error | ... where found "
-          f"| irises found | without labels | head, aligned | gaze error, aligned | seconds | {' | '.join(TITLES)} |")
+          f"| irises found | without labels | head, by the run | gaze error, by the run | seconds | {' | '.join(TITLES)} |")
     print("|" + "---|" * (14 + len(TITLES)))
     missing = 0
     for capture in captures:

@@ -39,8 +39,8 @@ evaluation() { # FOLDER: with a picture that no model has seen
     : > "$1/evaluate_test/frame_1.png"
 }
 evaluation labels/cap/clean_1/run
-mkdir labels/cap/clean_1/aligned
-echo "$results" > labels/cap/clean_1/aligned/results.json
+mkdir labels/cap/clean_1/by_run
+echo "$results" > labels/cap/clean_1/by_run/results.json
 echo 7 > labels/cap/clean_1/seconds
 ladder=ladder/runs/cap/L0/seed_1
 evaluation $ladder/evaluation_test

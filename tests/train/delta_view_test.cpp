@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Corrections of cameras' poses (TwoStream::delta_view) that a training of stage 2 makes.
+#include <Eigen/Geometry>
+
 #include <rye/splat/lanes.hpp>
 #include <rye/train/avatar_trainer.hpp>
 
@@ -105,6 +107,35 @@ TEST_CASE("corrected cameras: what they share is what their pictures show alike"
     centre_views(view_gauge(one), apart);
     CHECK((apart.row(5).array() == 0.2).all());
     CHECK(apart.row(3).cwiseAbs().maxCoeff() <= 1e-6);
+}
+
+TEST_CASE("corrected cameras: a stretch of the head is nothing of any of six") {
+    Draw draw{{3, 4}};
+    for (const bool flat : {false, true}) { // flat: all in a plane, which hides two stretches
+        CAPTURE(flat);
+        Columns<double> directions = draw.columns(3, 7, 1.0);
+        if (flat) directions.row(1).setZero();
+        directions.colwise().normalize();
+        const Columns<double> gauge = view_gauge(directions);
+        CHECK(gauge.cols() == 22);
+        const Mat3<double> any = draw.columns(3, 3, 0.1);
+        const Mat3<double> stretch = any + any.transpose();
+        Columns<double> views = Columns<double>::Zero(6, 7);
+        for (Index c = 0; c < 7; ++c) // the rotation that shows it best across the line of sight
+            views.col(c).head<3>() =
+                Vec3<double>(directions.col(c)).cross(Vec3<double>(stretch * directions.col(c)));
+        CHECK(views.cwiseAbs().maxCoeff() > 0.02);
+        centre_views(gauge, views);
+        CHECK(views.cwiseAbs().maxCoeff() <= 1e-6);
+        Columns<double> own = draw.columns(6, 7, 0.1);
+        centre_views(gauge, own);
+        CHECK(own.cwiseAbs().maxCoeff() > 0.02); // each has some of its own
+        const Columns<double> once = own;
+        centre_views(gauge, own);
+        CHECK((own - once).cwiseAbs().maxCoeff() <= 1e-6);
+    }
+    const Columns<double> few = Draw{{5, 6}}.columns(3, 5, 1.0).colwise().normalized();
+    CHECK(view_gauge(few).cols() == 12);
 }
 
 TEST_CASE("corrected cameras: steps that are applied take off what they share; faults") {

@@ -32,28 +32,34 @@ void centre_rows(Columns<T>& a) {
     }
 }
 
-/// Returns a row of the motion that columns of delta_view share, given both in column-major memory;
-/// summed in order, floats in double.
+/// Returns how much of a mode of view_gauge() all corrections of cameras have, given its column of
+/// weights and those corrections, `count` numbers each; summed in order, floats in double.
 template <class T>
-RYE_HD T shared_motion(const T* gauge, const T* delta_view, Index cameras, Index row) {
+RYE_HD T shared_mode(const T* weights, const T* delta_view, Index count) {
     using Sum = std::conditional_t<std::same_as<T, float>, double, T>;
-    const Index part = row / 3;
     Sum sum = Sum(0);
-    for (Index c = 0; c < cameras; ++c)
-        for (Index j = 0; j < 3; ++j)
-            sum += Sum(gauge[9 * (part * cameras + c) + 3 * j + row % 3]) *
-                   Sum(delta_view[6 * c + 3 * part + j]);
+    for (Index i = 0; i < count; ++i) sum += Sum(weights[i]) * Sum(delta_view[i]);
     return T(sum);
 }
 
-/// Subtracts from the columns of delta_view the motion that they share by view_gauge(), to first
-/// order.
+/// Returns a number of the corrections of cameras without what they share: `shared` of the modes,
+/// given what a unit of each adds to that number, in every `stride`-th place.
+template <class T>
+RYE_HD T without_shared(T number, const T* motions, Index stride, const T* shared, Index modes) {
+    for (Index m = 0; m < modes; ++m) number -= motions[m * stride] * shared[m];
+    return number;
+}
+
+/// Subtracts from the columns of delta_view what they share by view_gauge(), to first order.
 template <class T>
 void centre_views(const Columns<T>& gauge, Columns<T>& delta_view) {
-    Vec<T, 6> shared;
-    for (Index k = 0; k < 6; ++k)
-        shared[k] = shared_motion(gauge.data(), delta_view.data(), delta_view.cols(), k);
-    delta_view.colwise() -= shared;
+    const Index modes = gauge.cols() / 2, count = delta_view.size();
+    VecX<T> shared(modes);
+    for (Index m = 0; m < modes; ++m)
+        shared[m] = shared_mode(gauge.col(m).data(), delta_view.data(), count);
+    for (Index i = 0; i < count; ++i)
+        delta_view.data()[i] = without_shared(delta_view.data()[i], gauge.col(modes).data() + i,
+                                              count, shared.data(), modes);
 }
 
 } // namespace rye

@@ -38,23 +38,26 @@ struct CentreRowsKernel {
 /// applied its step.
 struct CentreViewsKernel {
     static constexpr const char* name = "views centred";
-    static constexpr int threads = 128, blocks = 1;
+    static constexpr int threads = 128, blocks = 1, most = 16;
     struct Shared {
-        float motion[6];
+        float mode[most];
     };
     const DeviceAdamState* adam;
     const float* gauge;         ///< view_gauge()
+    Index modes;                ///< of the gauge, at most `most`
     DeviceColumns<float> array; ///< delta_view
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         if (adam->bad != 0) return;
         block.each_thread([&](int t) {
-            if (t < 6) shared.motion[t] = shared_motion(gauge, array.data, array.cols, Index(t));
+            if (t < modes)
+                shared.mode[t] = shared_mode(gauge + t * array.size(), array.data, array.size());
         });
         block.each_thread([&](int t) {
             for (Index i = t; i < array.size(); i += threads)
-                array.data[i] -= shared.motion[i % 6];
+                array.data[i] = without_shared(array.data[i], gauge + modes * array.size() + i,
+                                               array.size(), shared.mode, modes);
         });
     }
 };
@@ -70,13 +73,15 @@ class DeviceCentring {
     template <class Training>
     DeviceCentring(const Device& device, [[maybe_unused]] const CudaQueue& queue,
                    [[maybe_unused]] const Host& host, const Training& training)
-        : device_(device), poses_(training.centred_corrections) {
+        : device_(device),
+          poses_(training.centred_corrections) {
         if constexpr (has_effect<E, HeadPose>)
             if (host.delta_view.size() > 0) {
                 check_directions(training.view_directions, host.delta_view.cols(),
                                  "DeviceAvatarTrainer");
-                const auto gauge = Columns<float>(
-                    view_gauge(training.view_directions).template cast<float>());
+                const auto gauge =
+                    Columns<float>(view_gauge(training.view_directions).template cast<float>());
+                modes_ = gauge.cols() / 2;
                 gauge_.reserve(queue, static_cast<std::size_t>(gauge.size()));
                 device.send(queue, gauge_.data(), gauge.data(),
                             static_cast<std::size_t>(gauge.size()) * sizeof(float));
@@ -84,8 +89,8 @@ class DeviceCentring {
     }
 
     /// Enqueues it. host: shapes of the parameters.
-    void into([[maybe_unused]] const CudaQueue& queue,
-              [[maybe_unused]] const DeviceAdamState* adam, [[maybe_unused]] const Host& host,
+    void into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const DeviceAdamState* adam,
+              [[maybe_unused]] const Host& host,
               [[maybe_unused]] const Resident<Host, Device>& parameters) const {
         [[maybe_unused]] const auto centre = [&](const Columns<float>& array) {
             device_.launch(queue, 1, CentreRowsKernel{adam, parameters.of(array)});
@@ -94,7 +99,7 @@ class DeviceCentring {
             if (host.delta_view.size() > 0)
                 device_.launch(
                     queue, 1,
-                    CentreViewsKernel{adam, gauge_.data(), parameters.of(host.delta_view)});
+                    CentreViewsKernel{adam, gauge_.data(), modes_, parameters.of(host.delta_view)});
         if constexpr (has_effect<E, Kappa>)
             if (host.delta_gaze.size() > 0) centre(host.delta_gaze);
         if constexpr (has_effect<E, ReadsHeadPose>)
@@ -106,6 +111,7 @@ class DeviceCentring {
     Device device_;
     bool poses_;
     DeviceBuffer<float> gauge_; ///< view_gauge()
+    Index modes_ = 0;           ///< of gauge_
 };
 
 } // namespace rye
