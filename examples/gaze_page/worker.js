@@ -28,13 +28,14 @@ const check = (status) => {
     if (status !== 0) throw new Error(rye.UTF8ToString(rye._page_message()));
 };
 
-/// The module of several threads; rejects where one of them does not start.
+/// The module of several threads; rejects where one of them does not start, or all take long.
 async function loadThreads(count) {
     importScripts("rye_threads.js");
     memory = new WebAssembly.Memory({ initial: 1024, maximum: 32768, shared: true });  // as build.sh links it
     const begun = [], Plain = self.Worker;
     let reject;
     const failed = new Promise((_, no) => { reject = no; });
+    const late = setTimeout(() => reject(new Error("threads did not start")), 20000);
     const fail = (event) => {
         event.preventDefault();
         event.stopImmediatePropagation();  // emscripten would throw it where nothing can catch it
@@ -56,6 +57,7 @@ async function loadThreads(count) {
         for (const worker of begun) worker.terminate();
         throw fault;
     } finally {
+        clearTimeout(late);
         self.Worker = Plain;
     }
 }
