@@ -6,10 +6,6 @@
 
 #include <cmath>
 
-#include <rye/core/eigen.hpp>
-
-#include <Eigen/Cholesky>
-
 #include <rye/core/columns.hpp>
 #include <rye/core/error.hpp>
 
@@ -57,8 +53,17 @@ Columns<T> view_gauge(const Columns<T>& directions) {
     Columns<T> mixed = weights.transpose() * motions;
     // Symmetric. Cameras in a plane or in one direction show fewer modes: the others have no share.
     mixed.diagonal().tail(modes - 3).array() += T(1e-6);
+    // weights / mixed, by Gauss and Jordan: Eigen's solvers are no host functions to nvcc.
+    for (Index k = 0; k < modes; ++k)
+        for (Index i = 0; i < modes; ++i) {
+            if (i == k) continue;
+            const T factor = mixed(k, i) / mixed(k, k);
+            mixed.col(i) -= factor * mixed.col(k);
+            weights.col(i) -= factor * weights.col(k);
+        }
+    for (Index k = 0; k < modes; ++k) weights.col(k) /= mixed(k, k);
     Columns<T> gauge(all, 2 * modes);
-    gauge.leftCols(modes) = mixed.ldlt().solve(weights.transpose()).transpose();
+    gauge.leftCols(modes) = weights;
     gauge.rightCols(modes) = motions;
     return gauge;
 }
