@@ -7,6 +7,7 @@
 /// the difference between the two: the fit determines that picture, not each number.
 #pragma once
 
+#include <limits>
 #include <vector>
 
 #include <rye/core/columns.hpp>
@@ -38,7 +39,8 @@ struct CameraPriors {
     double focal = 0.01;                      ///< of the logarithm
     double point = 0.015;                     ///< coordinate of a point's offset [world unit]
     double loose = 0.015;                     ///< the same from first_loose on [world unit]
-    Index first_loose = 0;
+    /// Index of the first point that labels place badly, whatever their errors; none by default.
+    Index first_loose = std::numeric_limits<Index>::max();
 };
 
 struct CameraFit {
