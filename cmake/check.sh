@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # check.sh [--all | --release]: builds with rye's warnings as errors, and tests. Without an option
 # what a change must pass while one works on it, in a quarter of an hour on two processors; with
-# --all every test, and those of other lanes and compilers that take minutes; with --release also
-# what takes hours: all processors, compilers and systems, numerical variants and sanitizers,
-# README's first command and a release on bare systems. Ends with a list of what was not run, and why.
+# --all every test but a few that take long, and some other compilers and systems; with --release
+# also those, and what takes hours: all processors, compilers and systems, numerical variants and
+# sanitizers, README's first command and a release on bare systems. Ends with a list of what was
+# not run, and why.
 set -eu
 cd "$(dirname "$0")/.."
 . cmake/steps.sh

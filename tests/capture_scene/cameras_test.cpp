@@ -163,7 +163,7 @@ TEST_CASE("cameras: exact labels tell a zoom that all cameras share") {
     correct_cameras(c, preset("cpu"));
     MESSAGE("a zoom of ", 100 * before, " %, then ", 100 * zoom(), " %");
     CHECK(before > 0.01);
-    CHECK(std::abs(zoom()) < before / 3); // with deviations known before alone 0.72 of it stays
+    CHECK(std::abs(zoom()) < before / 3); // most of it stays where priors alone decide
 }
 
 TEST_CASE("cameras: the skin shows where a displaced camera has the head") {

@@ -31,7 +31,7 @@ constexpr std::size_t fewest_frames = 6;
 constexpr int fewest_eyes = 6; ///< in a camera's pictures
 constexpr double fewest_facing = 0.7; ///< cosine: irises that are seen more from the side mislead
 /// Distance by which irises seem nearer to the eyeball's centre, in its radii, seen from many sides:
-/// the cornea refracts, and turns them towards each camera. 0.4 to 0.6 mm on rendered heads.
+/// the cornea refracts, and turns them towards each camera. Chosen on four rendered heads.
 constexpr double seems_nearer = 0.04;
 
 /// Correction of the cameras of one capture.
@@ -210,7 +210,7 @@ class CameraCorrector {
     /// eye's mean [world unit]: they are errors of labels, and those say how much of what all
     /// cameras share is in the cameras.
     double errors_of_labels(const CameraFit& fit) const {
-        constexpr double least = 0.003, most = 0.015;
+        constexpr double least = 0.003, most = 0.015; // [world unit]
         Columns<double> offsets(3, lids_.cols()), mean = Columns<double>::Zero(3, 2);
         for (Index p = 0; p < offsets.cols(); ++p) {
             const CaptureFrame& f = frame(static_cast<std::size_t>(p / 2));

@@ -73,8 +73,7 @@ class DeviceCentring {
     template <class Training>
     DeviceCentring(const Device& device, [[maybe_unused]] const CudaQueue& queue,
                    [[maybe_unused]] const Host& host, const Training& training)
-        : device_(device),
-          poses_(training.centred_corrections) {
+        : device_(device), poses_(training.centred_corrections) {
         if constexpr (has_effect<E, HeadPose>)
             if (host.delta_view.size() > 0) {
                 check_directions(training.view_directions, host.delta_view.cols(),
@@ -89,8 +88,8 @@ class DeviceCentring {
     }
 
     /// Enqueues it. host: shapes of the parameters.
-    void into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const DeviceAdamState* adam,
-              [[maybe_unused]] const Host& host,
+    void into([[maybe_unused]] const CudaQueue& queue,
+              [[maybe_unused]] const DeviceAdamState* adam, [[maybe_unused]] const Host& host,
               [[maybe_unused]] const Resident<Host, Device>& parameters) const {
         [[maybe_unused]] const auto centre = [&](const Columns<float>& array) {
             device_.launch(queue, 1, CentreRowsKernel{adam, parameters.of(array)});
