@@ -286,12 +286,17 @@ void place_gazenerf(XgazeSource& s, const Rows& rotations, Index rows) {
 
 // ---- labels ------------------------------------------------------------------------------------
 
+/// Returns pitch and yaw of a gaze. A camera beside the head sees it look away from itself: the yaw
+/// goes to pi.
 Vec2<double> angles(const Rows& rows, Index i) {
     const double* a = rows.finite(i);
-    for (int d = 0; d < 2; ++d)
+    const auto within = [&](int d, double bound, const char* name, const char* range) {
         require(
-            std::abs(a[d]) <= 1.6, rows.who(), "row ", i, ": got the angle ",
-            [&] { return std::to_string(a[d]); }, ", expected radians, -pi/2 to pi/2");
+            std::abs(a[d]) <= bound, rows.who(), "row ", i, ": got the ", name, " ",
+            [&] { return std::to_string(a[d]); }, ", expected radians, ", range);
+    };
+    within(0, 1.6, "pitch", "-pi/2 to pi/2");
+    within(1, 3.2, "yaw", "-pi to pi");
     return {a[0], a[1]};
 }
 

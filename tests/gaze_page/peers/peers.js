@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // peers.js CHROMIUM WORK [SIZE...]: times of a picture of the same head, by the same camera that turns, in the
 // same Chromium: of the gaze page in WORK/page by WebAssembly and WebGPU, and of WORK/head.ply by Spark and
-// PlayCanvas, which npm put into WORK. All by software: without a graphics card SwiftShader is WebGL and
-// WebGPU. A time is from the camera to the bytes of the picture; viewers sort beside it, unwaited for.
-// Started by peers.sh. From the environment: ROUNDS (3), in turns; WEBGPU=0 leaves that out.
+// PlayCanvas, which npm put into WORK. A time is from the camera to the bytes of the picture; viewers sort
+// beside it, unwaited for. Started by peers.sh. From the environment: ROUNDS (3), in turns; WEBGPU=0 leaves
+// that out; FLAGS, Chromium's for a graphics card (benchmarks say which); without them WebGL and WebGPU are
+// SwiftShader, which is a processor's.
 "use strict";
 
 const fs = require("node:fs");
@@ -12,10 +13,11 @@ const path = require("node:path");
 const { Browser, serve } = require("../../../examples/video_tracker/browser.js");
 
 const [chromium, work, ...sizes] = process.argv.slice(2);
-const { ROUNDS = "3", WEBGPU = "1" } = process.env;
+const { ROUNDS = "3", WEBGPU = "1", FLAGS = "" } = process.env;
 const isolating = { "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Embedder-Policy": "require-corp" };
-const flags = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--enable-unsafe-webgpu",
-               "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan"];
+const software = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--enable-unsafe-webgpu",
+                  "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan"];
+const flags = FLAGS ? FLAGS.split(" ") : software;
 
 /// Pages that set window.picture(motion), which draws by rows of camera_from_world and reads the bytes.
 const pages = {
@@ -97,7 +99,7 @@ async function main() {
         await b.until("window.gazePage && gazePage.firstPicture !== null", 120000);
         await b.evaluate("document.getElementById('alive').checked = false; true");
         if (await b.evaluate("gazePage.last.by") !== by) throw new Error(`not drawn by ${by}`);
-        const count = by === "webgpu" ? 1 : 7;
+        const count = by === "webgpu" && flags === software ? 1 : 7;
         const got = await b.evaluate(`(async () => { const times = [];
             await gazePage.show({ gaze: [0, 0, 0, 0], pose: avatar.pose, expression: avatar.expression }, ${size});
             for (let i = 0; i < ${count}; ++i) { orbit.turn(0.01, 0);
