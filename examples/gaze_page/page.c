@@ -109,12 +109,23 @@ static rye_status alive(rye_drivers* moved, double seconds, float range) {
     return seconds < 0 ? RYE_OK : rye_avatar_idle(avatar, moved, living, 1, seconds, range);
 }
 
+static double moves;
+/* Counts the Gaussians that the last picture or drive moved; an error may have moved any. */
+static rye_status count_moves(rye_status status) {
+    rye_avatar_work work = RYE_INIT(rye_avatar_work);
+    if (status == RYE_OK && rye_avatar_last_work(avatar, &work) == RYE_OK)
+        moves += (double)work.gaussians;
+    else
+        moves += 1;
+    return status;
+}
+
 /* Draws; with `seconds` from 0 on, the eyes have lived by themselves for so long, within `range`. */
 EMSCRIPTEN_KEEPALIVE int page_draw(double seconds, float range) {
     rye_drivers moved;
-    const rye_status status = alive(&moved, seconds, range);
-    if (status != RYE_OK) return status;
-    return rye_avatar_draw(avatar, &moved, &camera, background, &picture);
+    rye_status status = alive(&moved, seconds, range);
+    if (status == RYE_OK) status = rye_avatar_draw(avatar, &moved, &camera, background, &picture);
+    return count_moves(status);
 }
 EMSCRIPTEN_KEEPALIVE const unsigned char* page_pixels(void) { return picture.rgba; }
 
@@ -130,8 +141,10 @@ EMSCRIPTEN_KEEPALIVE int page_drive(double seconds, float range) {
     cloud = no_cloud;
     if (status == RYE_OK) status = rye_avatar_drive(avatar, &moved, &camera);
     if (status == RYE_OK) status = rye_avatar_gaussians(avatar, &cloud);
-    return status;
+    return count_moves(status);
 }
+/* As long as this number stays, no Gaussian has moved or changed its colour. */
+EMSCRIPTEN_KEEPALIVE double page_moves(void) { return moves; }
 EMSCRIPTEN_KEEPALIVE const rye_cloud* page_cloud(void) { return &cloud; }
 EMSCRIPTEN_KEEPALIVE const float* page_mean(void) { return cloud.mean; }
 EMSCRIPTEN_KEEPALIVE const float* page_rotation(void) { return cloud.rotation; }

@@ -159,6 +159,7 @@ function frame(width, height, accuracy = 0) {
             scale: here(rye._page_gaussian_scale(), 3 * n),
             opacity: here(rye._page_opacity(), n),
             feature: here(rye._page_feature(), channels * n),
+            moves: rye._page_moves(),
         },
         camera: { motion: floats(rye._page_motion(), 16), fx, fy, cx, cy, near, width: w, height: h },
         rules: { alphaMin, alphaMax, stop, dilation, margin },

@@ -34,8 +34,8 @@ class Browser {
     static async start(program, size, more = []) {
         const b = new Browser();
         b.profile = fs.mkdtempSync(path.join(os.tmpdir(), "rye-chromium-"));
-        b.process = spawn(program, ["--headless=new", "--no-sandbox", "--disable-gpu",
-            "--disable-dev-shm-usage", "--no-first-run", "--disable-extensions", "--hide-scrollbars",
+        b.process = spawn(program, ["--headless=new", "--no-sandbox",
+            ...(more.includes("--enable-gpu") ? [] : ["--disable-gpu"]), "--disable-dev-shm-usage", "--no-first-run", "--disable-extensions", "--hide-scrollbars",
             "--force-color-profile=srgb", "--force-device-scale-factor=1",
             "--disable-background-networking", "--disable-component-update",
             `--window-size=${size[0]},${size[1]}`,

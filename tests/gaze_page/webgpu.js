@@ -91,7 +91,9 @@ const hardCases = `(async () => {
     }
     const all = [];
     for (const accuracy of [0, 1, 2]) {
-        const got = await drawing.features(frame(width, height, accuracy)), at = rye._page_features(accuracy);
+        const wanted = frame(width, height, accuracy), at = rye._page_features(accuracy);
+        delete wanted.cloud.moves;  // it was changed by hand
+        const got = await drawing.features(wanted);
         let sum = 0;
         here(at, got.length).forEach((x, i) => { sum += (x - got[i]) ** 2; });
         all.push(10 * Math.log10(1 / Math.max(sum / got.length, 1e-12)));

@@ -72,20 +72,17 @@ class RyeDevice {
         };
     }
 
-    /// f(), whose faults of WebGPU are errors.
-    async checked(f) {
+    /// f(), whose faults of WebGPU are errors; those that come before it first waits, if it is
+    /// `atOnce`: then the device answers while f waits.
+    async checked(f, atOnce = false) {
         const kinds = ["validation", "out-of-memory", "internal"];
         for (const kind of kinds) this.device.pushErrorScope(kind);
-        let result, thrown = null;
-        try {
-            result = await f();
-        } catch (fault) {
-            thrown = fault;
-        }
-        for (const _ of kinds) {
-            const error = await this.device.popErrorScope().catch(() => null);
+        const done = f().then((result) => ({ result, thrown: null }), (thrown) => ({ thrown }));
+        if (!atOnce) await done;
+        const errors = kinds.map(() => this.device.popErrorScope().catch(() => null));
+        const { result, thrown } = await done;
+        for (const error of await Promise.all(errors))
             if (error) this.fault ??= error.message;
-        }
         if (thrown && !(thrown instanceof DOMException)) throw thrown;  // it says more
         if (this.fault) throw new Error(this.fault);
         if (thrown) throw thrown;

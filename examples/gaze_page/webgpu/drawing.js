@@ -35,26 +35,31 @@ class RyeDrawing {
     }
 
     /// Runs the parts' steps, and returns so many bytes of a buffer of theirs.
-    #drawn(frame, parts, size, result) {
-        return this.gpu.checked(async () => {
-            const { device } = this.gpu;
-            this.splats.move(frame.cloud);
-            for (;;) {
-                this.#resize(frame, size + 4);
-                this.splats.look(frame.camera, frame.rules, frame.background);
-                const commands = device.createCommandEncoder();
-                for (const part of parts) part.draw(commands);
-                commands.copyBufferToBuffer(result(), 0, this.read, 0, size);
-                commands.copyBufferToBuffer(this.splats.tally, 4 * this.splats.tiles, this.read, size, 4);
-                device.queue.submit([commands.finish()]);
-                await this.read.mapAsync(GPUMapMode.READ);
-                const bytes = this.read.getMappedRange().slice(0, size + 4);
-                this.read.unmap();
-                const [mentions] = new Uint32Array(bytes, size, 1);
-                if (mentions <= this.splats.most) return bytes.slice(0, size);
-                this.splats.most = Math.ceil(1.25 * mentions);  // and once more, with room for all
-            }
-        });
+    async #drawn(frame, parts, size, result) {
+        for (;;) {
+            const bytes = await this.gpu.checked(() => this.#once(frame, parts, size, result), true);
+            if (bytes) return bytes;
+        }
+    }
+
+    /// The same, or null where the tiles' lists had too little room: then they have enough now.
+    async #once(frame, parts, size, result) {
+        const { device } = this.gpu;
+        this.splats.move(frame.cloud);
+        this.#resize(frame, size + 4);
+        this.splats.look(frame.camera, frame.rules, frame.background);
+        const commands = device.createCommandEncoder();
+        for (const part of parts) part.draw(commands);
+        commands.copyBufferToBuffer(result(), 0, this.read, 0, size);
+        commands.copyBufferToBuffer(this.splats.tally, 4 * this.splats.tiles, this.read, size, 4);
+        device.queue.submit([commands.finish()]);
+        await this.read.mapAsync(GPUMapMode.READ, 0, size + 4);
+        const mapped = this.read.getMappedRange(0, size + 4);
+        const [mentions] = new Uint32Array(mapped, size, 1), room = mentions <= this.splats.most;
+        const bytes = room ? mapped.slice(0, size) : null;
+        this.read.unmap();
+        if (!room) this.splats.most = Math.ceil(1.25 * mentions);
+        return bytes;
     }
 
     /// Makes the steps for a frame's sizes, and room for so many bytes on their way back.

@@ -47,8 +47,11 @@ class RyeSplats {
         return true;
     }
 
-    /// Hands over the Gaussians: arrays of means, quaternions, scales, opacities and features.
-    move({ mean, rotation, scale, opacity, feature }) {
+    /// Hands over the Gaussians: arrays of means, quaternions, scales, opacities and features. Those
+    /// that have the `moves` of the last ones are there already.
+    move({ mean, rotation, scale, opacity, feature, moves }) {
+        if (moves !== undefined && moves === this.moves) return;
+        this.moves = moves;
         const { queue } = this.gpu.device, n = this.gaussians;
         queue.writeBuffer(this.shape, 0, mean);
         queue.writeBuffer(this.shape, 12 * n, rotation);
