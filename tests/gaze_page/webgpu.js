@@ -148,6 +148,17 @@ async function drawsAlike(b, url, frames, picture) {
         return [right === await sum(), drawing.splats.most > 1000];
     })()`, worker);
     figure("lists that had no room: the same bytes, more room", grown.join(), grown.join() === "true,true", "true,true");
+    const between = await b.evaluate(`(async () => {
+        const size = { width: 96, height: 96 }, of = (yaw) => [0, yaw, 0, yaw];
+        const bytes = async (yaw) => new Uint8Array((await draw({ gaze: of(yaw), ...size })).picture);
+        const right = await bytes(-0.3), other = await bytes(0.3);
+        write(rye._page_gaze(), of(-0.3));
+        byWasm(-1, 96, 96);  // after it no drive moves a Gaussian
+        const got = await bytes(-0.3), same = (x) => got.every((byte, i) => byte === x[i]);
+        return [same(right), same(other)];
+    })()`, worker);
+    figure("Gaussians that WebAssembly moved between: as right, as before", between.join(),
+           between.join() === "true,false", "true,false");
     const hard = await b.evaluate(hardCases, worker);
     figure("a render of hard cases [dB]", hard.map((x) => x.toFixed(1)).join(", "), Math.min(...hard) >= 100, "at least 100");
     return true;

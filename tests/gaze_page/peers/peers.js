@@ -2,9 +2,9 @@
 // peers.js CHROMIUM WORK [SIZE...]: times of a picture of the same head, by the same camera that turns, in the
 // same Chromium: of the gaze page in WORK/page by WebAssembly and WebGPU, and of WORK/head.ply by Spark and
 // PlayCanvas, which npm put into WORK. A time is from the camera to the bytes of the picture; viewers sort
-// beside it, unwaited for. Started by peers.sh. From the environment: ROUNDS (3), in turns; WEBGPU=0 leaves
-// that out; FLAGS, Chromium's for a graphics card (benchmarks say which); without them WebGL and WebGPU are
-// SwiftShader, which is a processor's.
+// beside it, unwaited for. Started by peers.sh. From the environment: ROUNDS (3), in turns; WASM=0 and
+// WEBGPU=0 leave that out; FLAGS, Chromium's for a graphics card (docs/results/page.md has some); without
+// them WebGL and WebGPU are SwiftShader, which is a processor's.
 "use strict";
 
 const fs = require("node:fs");
@@ -13,7 +13,7 @@ const path = require("node:path");
 const { Browser, serve } = require("../../../examples/video_tracker/browser.js");
 
 const [chromium, work, ...sizes] = process.argv.slice(2);
-const { ROUNDS = "3", WEBGPU = "1", FLAGS = "" } = process.env;
+const { ROUNDS = "3", WASM = "1", WEBGPU = "1", FLAGS = "" } = process.env;
 const isolating = { "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Embedder-Policy": "require-corp" };
 const software = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--enable-unsafe-webgpu",
                   "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan"];
@@ -138,8 +138,10 @@ async function main() {
         console.log(`${view.gaussians} Gaussians; the camera turns; least and median, of ${ROUNDS} rounds [ms]`);
         for (const size of (sizes.length > 0 ? sizes : ["256", "512", "1024"]).map(Number)) {
             const kinds = {
-                "rye, WebAssembly, 1 thread": () => ours(size, 1, "wasm"),
-                "rye, WebAssembly, 2 threads": () => ours(size, 2, "wasm"),
+                ...(WASM === "0" ? {} : {
+                    "rye, WebAssembly, 1 thread": () => ours(size, 1, "wasm"),
+                    "rye, WebAssembly, 2 threads": () => ours(size, 2, "wasm"),
+                }),
                 "Spark, WebGL": () => theirs("spark", size, view),
                 "PlayCanvas, WebGL": () => theirs("playcanvas", size, view),
                 ...(WEBGPU === "0" ? {} : { "rye, WebGPU": () => ours(size, 2, "webgpu") }),
