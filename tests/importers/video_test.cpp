@@ -17,6 +17,7 @@
 #include "importers/video_gaze.hpp"
 #include "importers/video_head.hpp"
 #include "importers/video_tools.hpp"
+#include "training/labels.hpp"
 #include "video_tracks_source.hpp"
 
 using namespace rye;
@@ -175,10 +176,11 @@ TEST_CASE("video: an import makes a capture without faults, and repeats no frame
     const TemporaryFolder folder;
     const KnownVideo video;
     write_known_video(video, folder.path / "tracks");
+    paint_eyes(video, folder.path / "tracks");
     ImportOptions options;
     options.out = folder.path / "out";
     options.video.files = {folder.path / "tracks"};
-    options.video.size = 160;
+    options.video.size = 320;
     const ImportSummary summary = import_video(options);
     CHECK(summary.frames >= 20);
     CHECK(summary.written == summary.frames);
@@ -190,9 +192,19 @@ TEST_CASE("video: an import makes a capture without faults, and repeats no frame
         CHECK(p.severity != Problem::Severity::error);
     }
     CHECK(capture.frame_count() == summary.frames);
-    CHECK(capture.width == 160);
+    CHECK(capture.width == 320);
     CHECK(capture.has_gaze());
     CHECK(import_video(options).written == 0);
+
+    // The import has weighed the irises: training does not take gazes from them alone.
+    Capture corrected = read_capture(options.out);
+    const LabelFindings findings = correct_labels(corrected, preset("tiny"));
+    CHECK(!findings.gazes);
+    REQUIRE(!findings.not_judged.empty());
+    CHECK(findings.not_judged.back().find("`rye import video` has weighed") != std::string::npos);
+    fs::remove(options.out / "capture.json");
+    const LabelFindings judged = correct_labels(corrected, preset("tiny"));
+    CHECK(judged.not_judged.empty());
 }
 
 TEST_CASE("video: pictures without one whole, sharp face are left out, and counted") {
