@@ -26,6 +26,15 @@ esac
 [ ! -e "$work/none" ] || { echo "a capture of an empty file is there"; exit 1; }
 "$rye" capture --model "$model" --seed "${SEED:-3}" --video "$work/head.mp4" --frames "${FRAMES:-30}" \
     --rate 5 --size "${SIZE:-480}" --samples 2 --out "$work/truth" --quiet
+head -c 9000 "$work/head.mp4" > "$work/cut.mp4"
+said=$("$rye" import video "$work/cut.mp4" --out "$work/cut" 2>&1) && { echo "a part of a file was taken"; exit 1; }
+case $said in
+    *"
+"*) echo "more than a line: $said"; exit 1 ;;
+    *"cut.mp4: ffmpeg reads no pictures of it: no video stream"*) echo "ffmpeg is not quoted: $said"; exit 1 ;;
+    *"cut.mp4: ffmpeg reads no pictures of it"*) ;;
+    *) echo "$said"; exit 1 ;;
+esac
 "$rye" import video "$work/head.mp4" --every 1 --out "$work/capture"
 "$truth" "$work/truth" "$work/capture" "$work/true_gazes" | tee "$work/differences"
 "$rye" info "$work/true_gazes" > "$work/info.txt" || { cat "$work/info.txt"; exit 1; }
