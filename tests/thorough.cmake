@@ -161,6 +161,11 @@ if(TARGET rye_program)
               ${CMAKE_CURRENT_BINARY_DIR}/video)
     set_tests_properties(video PROPERTIES PROCESSORS 2 TIMEOUT 1200 SKIP_RETURN_CODE 77)
   endif()
+  if(TARGET make_import_source)
+    rye_check(avatar_of_video programs/avatar.sh $<TARGET_FILE:rye_program>
+              $<TARGET_FILE:make_import_source> ${CMAKE_CURRENT_BINARY_DIR}/avatar_of_video)
+    set_tests_properties(avatar_of_video PROPERTIES PROCESSORS 2 TIMEOUT 600)
+  endif()
   rye_check(crash_safety programs/crash_safety.sh $<TARGET_FILE:rye_program>
             ${CMAKE_CURRENT_BINARY_DIR}/crash_safety)
   set_tests_properties(crash_safety PROPERTIES TIMEOUT 1200)

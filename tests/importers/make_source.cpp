@@ -11,6 +11,7 @@
 #include "comparison.hpp"
 #include "data/validate.hpp"
 #include "sources.hpp"
+#include "video_tracks_source.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -88,6 +89,18 @@ int run(int argc, char** argv) {
             make(o);
         });
     }
+    CLI::App* v = app.add_subcommand(
+        "video", "Write FOLDER, tracks of a video with plain pictures, for `rye import video`");
+    v->add_option("FOLDER", o.folder)->required();
+    v->add_option("FRAMES", o.frames, "Pictures of the video")->capture_default_str();
+    v->add_option("SIZE", o.size, "Edge of the pictures [px]")->capture_default_str();
+    v->callback([&o] {
+        KnownVideo video;
+        video.pictures = o.frames;
+        video.size = o.size;
+        video.focal = 1.1 * o.size;
+        write_known_video(video, o.folder);
+    });
     CLI::App* c =
         app.add_subcommand("compare", "Print the differences of an import from the truth");
     c->add_option("TRUTH", o.capture)->required();

@@ -14,8 +14,10 @@
 #include "data/validate.hpp"
 #include "importers/import_folder.hpp"
 #include "importers/video_choice.hpp"
+#include "importers/video_gaze.hpp"
 #include "importers/video_head.hpp"
 #include "importers/video_tools.hpp"
+#include "training/labels.hpp"
 #include "video_tracks_source.hpp"
 
 using namespace rye;
@@ -64,6 +66,22 @@ Errors errors_of(const VideoHead& head, const KnownVideo& video) {
     return e;
 }
 
+/// Mean errors of the gazes that were found, before the camera [deg].
+double mean_gaze_error(const VideoHead& head, const KnownVideo& video) {
+    const std::vector<KnownPicture> known = known_pictures(video);
+    double sum = 0;
+    for (std::size_t i = 0; i < known.size(); ++i) {
+        const VideoPose& pose = head.poses[i];
+        const Mat3<double> turned =
+            head.camera.camera_from_world.rotation * pose.world_from_head.rotation;
+        for (std::size_t e = 0; e < 2; ++e) {
+            const Vec3<double> a = turned * pose.gaze[e], b = known[i].head.rotation * known[i].gaze[e];
+            sum += degrees * angular_error(a, b);
+        }
+    }
+    return sum / static_cast<double>(2 * known.size());
+}
+
 } // namespace
 
 TEST_CASE("video: a tracked head is found where it is, by a camera that is known") {
@@ -104,14 +122,65 @@ TEST_CASE("video: the same tracks give the same bits") {
     }
 }
 
+TEST_CASE("video: gazes that the coefficients have wrong are corrected by the irises in the pictures") {
+    const TemporaryFolder folder;
+    KnownVideo video;
+    video.noise = 0.1;
+    write_known_video(video, folder.path);
+    paint_eyes(video, folder.path);
+    Tracks tracks = read_tracks({folder.path});
+    // The tracker says that both eyes look further down than they do.
+    for (TrackedPicture& p : tracks.pictures)
+        for (std::size_t k = 0; k < tracks.names.size(); ++k)
+            if (tracks.names[k].starts_with("eyeLookDown"))
+                p.coefficients[static_cast<Index>(k)] += 0.25;
+    HeadOptions options;
+    options.focal = video.focal;
+    VideoHead head = video_head(tracks, all_of(tracks), options);
+    const double before = mean_gaze_error(head, video);
+    const VideoGazes said = correct_gazes(tracks, head);
+    const double after = mean_gaze_error(head, video);
+    INFO("before ", before, ", after ", after, ", up ", said.up_deg);
+    CHECK(before > 6);
+    CHECK(after < 2.5);
+    CHECK(said.seen > 40);
+    CHECK(said.up_deg == doctest::Approx(7.5).epsilon(0.25));
+
+    // Without irises they stay.
+    write_known_video(video, folder.path);
+    const Vec3<double> was = head.poses[0].gaze[0];
+    CHECK(correct_gazes(tracks, head).up_deg == 0);
+    CHECK(head.poses[0].gaze[0] == was);
+    tracks.width = 4 * tracks.width;
+    CHECK_FAULT(correct_gazes(tracks, head), "is 640 x 640 pixels, expected 2560 x 640");
+}
+
+TEST_CASE("video: a head's turn stays near its guess where that is known before") {
+    const KnownVideo video;
+    Tracks tracks = parsed(known_tracks(video));
+    const Mat3<double> off = so3_exp(Vec3<double>(0, 4 / degrees, 0));
+    tracks.pictures[5].head.rotation = tracks.pictures[5].head.rotation * off;
+    HeadOptions options;
+    options.focal = video.focal;
+    const VideoHead head = video_head(tracks, all_of(tracks), options);
+    const Mat3<double> turned =
+        head.camera.camera_from_world.rotation * head.poses[5].world_from_head.rotation;
+    const double away = degrees * so3_log(Mat3<double>(turned.transpose() *
+                                                       known_pictures(video)[5].head.rotation)).norm();
+    INFO("away ", away);
+    CHECK(away > 0.5);
+    CHECK(away < 4);
+}
+
 TEST_CASE("video: an import makes a capture without faults, and repeats no frame") {
     const TemporaryFolder folder;
     const KnownVideo video;
     write_known_video(video, folder.path / "tracks");
+    paint_eyes(video, folder.path / "tracks");
     ImportOptions options;
     options.out = folder.path / "out";
     options.video.files = {folder.path / "tracks"};
-    options.video.size = 160;
+    options.video.size = 320;
     const ImportSummary summary = import_video(options);
     CHECK(summary.frames >= 20);
     CHECK(summary.written == summary.frames);
@@ -123,9 +192,19 @@ TEST_CASE("video: an import makes a capture without faults, and repeats no frame
         CHECK(p.severity != Problem::Severity::error);
     }
     CHECK(capture.frame_count() == summary.frames);
-    CHECK(capture.width == 160);
+    CHECK(capture.width == 320);
     CHECK(capture.has_gaze());
     CHECK(import_video(options).written == 0);
+
+    // The import has weighed the irises: training does not take gazes from them alone.
+    Capture corrected = read_capture(options.out);
+    const LabelFindings findings = correct_labels(corrected, preset("tiny"));
+    CHECK(!findings.gazes);
+    REQUIRE(!findings.not_judged.empty());
+    CHECK(findings.not_judged.back().find("`rye import video` has weighed") != std::string::npos);
+    fs::remove(options.out / "capture.json");
+    const LabelFindings judged = correct_labels(corrected, preset("tiny"));
+    CHECK(judged.not_judged.empty());
 }
 
 TEST_CASE("video: pictures without one whole, sharp face are left out, and counted") {

@@ -180,4 +180,46 @@ void write_known_video(const KnownVideo& video, const fs::path& folder) {
     }
 }
 
+void paint_eyes(const KnownVideo& video, const fs::path& folder) {
+    const std::vector<KnownPicture> known = known_pictures(video);
+    const double rim = std::atan2(limbus, iris_plane), half = 0.5 * video.size;
+    for (std::size_t i = 0; i < known.size(); ++i) {
+        const KnownPicture& k = known[i];
+        const Columns<double> x = landmarks_in_head(static_cast<int>(i), k);
+        Image8 picture{video.size, video.size, 3,
+                       std::vector<std::uint8_t>(
+                           3 * static_cast<std::size_t>(video.size) * static_cast<std::size_t>(video.size))};
+        for (std::size_t p = 0; p < picture.values.size(); p += 3) {
+            picture.values[p] = 190;
+            picture.values[p + 1] = 140;
+            picture.values[p + 2] = 110;
+        }
+        for (std::size_t e = 0; e < 2; ++e) {
+            Columns<double> lids(2, 16);
+            for (std::size_t l = 0; l < 16; ++l) {
+                const Vec3<double> at = k.head.apply(Vec3<double>(x.col(face_lids[e][l])));
+                lids.col(static_cast<Index>(l)) << video.focal * at.x() / at.z() + half,
+                    video.focal * at.y() / at.z() + half;
+            }
+            const Image8 inside = hull_mask(lids, {video.size, video.size});
+            const Vec3<double> centre = k.head.apply(eye_centre(e)), gaze = k.head.turn(k.gaze[e]);
+            for (int v = 0; v < video.size; ++v)
+                for (int u = 0; u < video.size; ++u) {
+                    const auto p = static_cast<std::size_t>(v * video.size + u);
+                    if (inside.values[p] == 0) continue;
+                    const Vec3<double> ray =
+                        normalized(Vec3<double>((u + 0.5 - half) / video.focal, (v + 0.5 - half) / video.focal, 1));
+                    const double along = ray.dot(centre);
+                    const Vec3<double> miss = along * ray - centre;
+                    const double depth = std::sqrt(std::max(0.0, radius * radius - miss.squaredNorm()));
+                    const Vec3<double> hit = normalized(Vec3<double>(miss - depth * ray));
+                    const bool iris = std::acos(std::min(1.0, hit.dot(gaze))) < rim;
+                    for (std::size_t c = 0; c < 3; ++c)
+                        picture.values[3 * p + c] = iris ? 50 : 225;
+                }
+        }
+        write_png(folder / "frames" / (std::to_string(i) + ".png"), picture);
+    }
+}
+
 } // namespace rye::trainer

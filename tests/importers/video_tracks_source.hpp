@@ -36,4 +36,8 @@ std::vector<std::string> known_tracks(const KnownVideo& video);
 /// Writes a folder of tracks with pictures (grey) and masks (an ellipse about the face).
 void write_known_video(const KnownVideo& video, const std::filesystem::path& folder);
 
+/// Replaces the pictures of such a folder by ones with skin and, between the lids, eyes whose dark
+/// irises look where the known gazes do.
+void paint_eyes(const KnownVideo& video, const std::filesystem::path& folder);
+
 } // namespace rye::trainer

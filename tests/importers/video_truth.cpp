@@ -3,6 +3,9 @@
 // truth, which `rye capture --video` wrote beside the video. Frames are compared by their names.
 // Gazes are compared before the camera that both have. A head's pose has a frame of its own, so poses
 // are compared after one rotation of that frame, and places of heads after one similarity.
+// video_truth TRUTH CAPTURE OUT: also writes a copy of CAPTURE whose test frames have the true gazes, as
+// its heads have them, by which `rye evaluate` measures an avatar of CAPTURE.
+#include <algorithm>
 #include <cstdio>
 #include <exception>
 #include <map>
@@ -15,6 +18,7 @@
 #include <rye/rig/gaze.hpp>
 
 #include "data/capture.hpp"
+#include "data/changed_labels.hpp"
 #include "data/degrees.hpp"
 #include "data/json.hpp"
 #include "data/median.hpp"
@@ -142,7 +146,25 @@ void compare_masks(Capture& truth, Capture& got, const std::vector<Pair>& pairs,
                 both / std::max(either, 1.0), eyes_both / std::max(eyes_either, 1.0));
 }
 
-int run(const char* truth_folder, const char* got_folder) {
+void write_true_gazes(const Capture& truth, const Capture& got, const std::vector<Pair>& pairs,
+                      const char* out) {
+    std::vector<LabelChange> changes;
+    for (const Pair& p : pairs) {
+        if (std::find(got.test.begin(), got.test.end(), p.got) == got.test.end()) continue;
+        LabelChange change;
+        change.frame = got.frames[static_cast<std::size_t>(p.got)].id;
+        const Mat3<double> to_head = head_in_camera(got, p.got).rotation.transpose();
+        for (std::size_t e = 0; e < 2; ++e)
+            change.gaze[e] = pitch_yaw(Vec3<double>(to_head * gaze_in_camera(truth, p.truth, e))) -
+                             pitch_yaw(Vec3<double>(to_head * gaze_in_camera(got, p.got, e)));
+        changes.push_back(change);
+    }
+    write_changed_capture(got.folder, out, changes, HeadPoints::kept);
+    std::printf("written        %s, with the true gazes of %zu test frames\n", out, changes.size());
+}
+
+int run(const char* truth_folder, const char* got_folder, const char* out) {
+    if (out != nullptr) check_new_capture(got_folder, out);
     Capture truth = read_capture(truth_folder), got = read_capture(got_folder);
     const auto json = read_json(got.folder / "capture.json");
     require(json.contains("video"), got_folder, "is no capture of `rye import video`");
@@ -154,18 +176,19 @@ int run(const char* truth_folder, const char* got_folder) {
     compare_poses(truth, got, pairs);
     compare_gazes(truth, got, pairs);
     compare_masks(truth, got, pairs, square);
+    if (out != nullptr) write_true_gazes(truth, got, pairs, out);
     return 0;
 }
 
 } // namespace
 
 int main(int count, char** words) {
-    if (count != 3) {
-        std::fprintf(stderr, "usage: video_truth TRUTH CAPTURE\n");
+    if (count != 3 && count != 4) {
+        std::fprintf(stderr, "usage: video_truth TRUTH CAPTURE [OUT]\n");
         return 2;
     }
     try {
-        return run(words[1], words[2]);
+        return run(words[1], words[2], count > 3 ? words[3] : nullptr);
     } catch (const std::exception& e) {
         std::fprintf(stderr, "video_truth: %s\n", e.what());
         return 1;

@@ -7,6 +7,7 @@ void add_commands(CLI::App& app) {
     add_capture(app);
     add_pack(app);
     add_import(app);
+    add_avatar(app);
     add_flaw(app);
     add_info(app);
     add_train(app);

@@ -14,6 +14,7 @@ void add_commands(CLI::App& app);
 void add_capture(CLI::App& app);
 void add_pack(CLI::App& app);
 void add_import(CLI::App& app);
+void add_avatar(CLI::App& app);
 void add_flaw(CLI::App& app);
 void add_info(CLI::App& app);
 void add_train(CLI::App& app);

@@ -13,6 +13,7 @@
 
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
+#include "commands/video_options.hpp"
 #include "data/system.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
@@ -103,9 +104,7 @@ CLI::App* add_kind(CLI::App& command, const std::shared_ptr<Arguments>& a, const
                    const char* help, Importer import) {
     CLI::App* kind = command.add_subcommand(name, help);
     if (import == import_video)
-        kind->add_option("FILE", a->options.video.files,
-                         "Videos of one head by one camera, or folders of their tracks")
-            ->required();
+        add_video_options(*kind, a->options.video);
     else
         kind->add_option("SOURCE", a->options.source, "Folder or file to read")->required();
     kind->add_option("--out", a->options.out,
@@ -127,25 +126,9 @@ void add_video(CLI::App& command, const std::shared_ptr<Arguments>& a) {
     CLI::App* video = add_kind(command, a, "video",
                                "Videos of a head, tracked by MediaPipe in a browser (docs/video.md)",
                                import_video);
-    VideoImport& v = a->options.video;
-    video->add_option("--every", v.every, "Track every so many-th picture")
-        ->check(from_to(1, 10000))
-        ->capture_default_str();
-    video->add_option("--frames", v.frames, "Most frames of the capture: the most different pictures")
-        ->check(from_to(8, 2000))
-        ->capture_default_str();
-    video->add_option("--size", v.size, "Most pixels of a side of the capture's pictures")
+    video->add_option("--size", a->options.video.size, "Most pixels of a side of the capture's pictures")
         ->check(from_to(64, 4096))
         ->capture_default_str();
-    video->add_option("--focal", v.focal,
-                      "Focal length [px] in pictures of at most 1920 pixels, where it is known")
-        ->check(from_to(50.0, 50000.0));
-    video->add_option("--iris-mm", v.iris_mm, "Diameter of an iris, which gives the scale [mm]")
-        ->check(from_to(9.0, 14.0))
-        ->capture_default_str();
-    video->add_option("--modules", v.modules, "node_modules with the tracker's packages");
-    video->add_option("--landmarker", v.landmarker, "face_landmarker.task of MediaPipe");
-    video->add_option("--tracker", v.tracker, "track.js of rye's sources");
 }
 
 } // namespace

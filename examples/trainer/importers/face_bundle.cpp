@@ -150,7 +150,15 @@ class Bundle {
         for (std::size_t k = 0; k < chosen_.size(); ++k)
             sum += (off_guess(k) + x.segment<3>(1 + of_pose * frames() + 3 * static_cast<Index>(k)))
                        .squaredNorm();
-        return focal * focal + sum / (s_.rest_sigma * s_.rest_sigma);
+        double turns = 0;
+        for (Index f = 0; f < frames(); ++f) turns += off_turn(x, f).squaredNorm();
+        return focal * focal + sum / (s_.rest_sigma * s_.rest_sigma) + of_turns() * turns;
+    }
+    double of_turns() const {
+        return s_.turn_sigma > 0 ? 1 / (s_.turn_sigma * s_.turn_sigma) : 0;
+    }
+    Vec3<double> off_turn(const VecX<double>& x, Index f) const {
+        return so3_log(Mat3<double>(moved(x, f).rotation * view(f).head.rotation.transpose()));
     }
     Vec3<double> off_guess(std::size_t k) const {
         return b_.rest.col(chosen_[k]) - guess_.col(chosen_[k]);
@@ -176,6 +184,11 @@ class Bundle {
             const Index at = 1 + of_pose * frames() + 3 * static_cast<Index>(k);
             e.matrix.block<3, 3>(at, at).diagonal().setConstant(of_rest);
             e.gradient.segment<3>(at) = of_rest * (off_guess(k) + x.segment<3>(at));
+        }
+        for (Index f = 0; f < frames(); ++f) { // errors of turns are small
+            const Index at = 1 + of_pose * f;
+            e.matrix.block<3, 3>(at, at).diagonal().setConstant(of_turns());
+            e.gradient.segment<3>(at) = of_turns() * off_turn(x, f);
         }
         std::vector<Mat3<double>> turns;
         for (Index f = 0; f < frames(); ++f) turns.push_back(left_jacobian(x.segment<3>(1 + of_pose * f)));

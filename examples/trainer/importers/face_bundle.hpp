@@ -28,6 +28,7 @@ struct BundleSettings {
     double focal = 1000;           ///< likely focal length [px]
     double focal_sigma = 0.15;     ///< of its logarithm, known before
     double rest_sigma = 0.05;      ///< of a coordinate of a landmark at rest, known before
+    double turn_sigma = 0;         ///< of each head's turn from its guess [rad]; 0: not known before
     double shape_sigma = 0.02;     ///< of a displacement by a driver of 1, known before
     double first_sigma = 1;        ///< of a tracked coordinate before it is estimated [px]
     /// Errors that are alike, in neighbouring landmarks and from picture to picture, counted as one.

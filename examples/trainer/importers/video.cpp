@@ -14,6 +14,7 @@
 #include "importers/face_mesh.hpp"
 #include "importers/import_folder.hpp"
 #include "importers/video_choice.hpp"
+#include "importers/video_gaze.hpp"
 #include "importers/video_pictures.hpp"
 #include "importers/video_tools.hpp"
 
@@ -108,8 +109,16 @@ Bytes shapes_file(const VideoHead& head) {
     return npz_bytes({{"landmarks", array(landmarks, 68)}, {"vertices", array(vertices, skin_landmarks)}});
 }
 
-void summarize(const Tracks& tracks, const VideoChoice& choice, const VideoHead& head, int left_out,
-               const ImportOptions& o, ImportSummary& s) {
+std::string words_of(const VideoGazes& gazes, std::size_t poses) {
+    std::string words = "gaze from the tracker's coefficients (eyeLook*)";
+    if (gazes.up_deg != 0)
+        words += " and " + std::to_string(gazes.seen) + " irises in " + std::to_string(2 * poses) +
+                 " pictures of eyes, which look " + factor_text(gazes.up_deg) + " degrees further up";
+    return words + "; eyeballs of average eyes behind the lids, fixed in the head";
+}
+
+void summarize(const Tracks& tracks, const VideoChoice& choice, const VideoHead& head,
+               const VideoGazes& gazes, int left_out, const ImportOptions& o, ImportSummary& s) {
     const auto percent = [](double x) { return factor_text(100 * x) + " %"; };
     s.found = {std::to_string(tracks.pictures.size()) + " tracked pictures of " +
                    std::to_string(tracks.width) + " x " + std::to_string(tracks.height) + " pixels",
@@ -123,8 +132,7 @@ void summarize(const Tracks& tracks, const VideoChoice& choice, const VideoHead&
             " landmarks by bundle adjustment, whose errors are " + factor_text(head.landmark_error) +
             " px in the middle",
         "scale by an iris of " + factor_text(o.video.iris_mm) + " mm (--iris-mm)",
-        "gaze from the tracker's coefficients (eyeLook*); eyeballs of average eyes behind the lids, fixed "
-        "in the head",
+        words_of(gazes, head.poses.size()),
         "eye masks from the tracked lids; masks from the tracker's segmentation, without the neck"};
     s.missing = {"what one camera did not see", "angle kappa between optical and visual axis"};
     const auto add = [&](int count, const char* what) {
@@ -144,7 +152,8 @@ ImportSummary import_video(const ImportOptions& o) {
     const Json job = job_of(o);
     const Tracks tracks = read_tracks(tracked(o));
     const VideoChoice choice = choose_pictures(tracks, o.video.frames);
-    const VideoHead head = video_head(tracks, choice.pictures, {o.video.focal, o.video.iris_mm});
+    VideoHead head = video_head(tracks, choice.pictures, {o.video.focal, o.video.iris_mm});
+    const VideoGazes gazes = correct_gazes(tracks, head);
     std::vector<double> residuals;
     for (const VideoPose& pose : head.poses) residuals.push_back(pose.residual);
     const double most = doubtful * median(residuals);
@@ -180,7 +189,7 @@ ImportSummary import_video(const ImportOptions& o) {
     for (const int i : head.drivers) names.push_back(tracks.names[static_cast<std::size_t>(i)]);
     const Bytes shapes = shapes_file(head);
     folder.write_file("expression_shapes.npz", std::string(as_text(shapes)));
-    summarize(tracks, choice, head, left_out, o, summary);
+    summarize(tracks, choice, head, gazes, left_out, o, summary);
     folder.finish({{"subject", o.video.files.front().stem().string()},
                    {"image_size", {square.size, square.size}},
                    {"train_frames", train},
@@ -193,7 +202,7 @@ ImportSummary import_video(const ImportOptions& o) {
                    {"conventions",
                     {{"image", "photographs; multiplied by the mask when read"},
                      {"world", "x the subject's left, y up, z towards the camera; 1 dm"},
-                     {"gaze", "optical axes from the tracker's coefficients, head frame"}}}},
+                     {"gaze", "optical axes from the tracker's coefficients and irises, head frame"}}}},
                   summary);
     return summary;
 }

@@ -71,8 +71,10 @@ void extract(const VideoTools& tools, const fs::path& video, int every, const fs
     for (const fs::directory_entry& entry : fs::directory_iterator(frames))
         names.push_back(entry.path().filename());
     std::sort(names.begin(), names.end());
+    std::string said = end.message.substr(0, end.message.find_last_not_of('\n') + 1);
+    said = said.substr(said.find_last_of('\n') + 1); // its last line
     require(end.code == 0 && !names.empty(), video.string(), "ffmpeg reads no pictures of it: ",
-            (end.message.empty() ? "no video stream" : end.message));
+            said.empty() ? "no video stream" : said, "; is the file whole, and a video?");
     const std::vector<double> times = picture_times(tools, video);
     std::string list;
     for (std::size_t i = 0; i < names.size(); ++i) {

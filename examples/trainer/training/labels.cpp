@@ -13,6 +13,7 @@
 
 #include "data/degrees.hpp"
 #include "data/expression_shapes.hpp"
+#include "data/json.hpp"
 #include "data/median.hpp"
 #include "training/centre_errors.hpp"
 #include "training/expression_regions.hpp"
@@ -309,7 +310,19 @@ class Corrector {
         return d;
     }
 
+    /// Returns true for a capture of `rye import video`: its gazes have been weighed against its
+    /// irises, and its poses place eyeballs too badly for irises to tell more.
+    bool of_video() const {
+        const std::filesystem::path file = c_.folder / "capture.json";
+        return std::filesystem::exists(file) && read_json(file).contains("video");
+    }
+
     void eyes() {
+        if (of_video()) {
+            found_.not_judged.push_back("gazes and eyeball centres: `rye import video` has weighed the "
+                                        "irises in its pictures already");
+            return;
+        }
         if (!c_.has_eye_masks || !c_.has_centres() || !config_.measured_eyes) {
             found_.not_judged.push_back(
                 "gazes and eyeball centres: the pictures tell of them where the capture has eye "
