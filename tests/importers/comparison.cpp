@@ -133,18 +133,20 @@ CaptureSettings small_settings() {
 }
 
 Similarity to_truth(const Capture& truth, const Capture& got, int frame) {
-    // Cameras are far away and so outweigh the landmarks, which decide what few cameras leave open.
     const auto f = static_cast<std::size_t>(frame);
-    const Columns<double>&a = got.frames[f].landmarks, &b = truth.frames[f].landmarks;
     std::vector<Vec3<double>> from, to;
-    for (Index i = 0; i < std::min(a.cols(), b.cols()); ++i) {
-        from.push_back(a.col(i));
-        to.push_back(b.col(i));
-    }
     for (int k = 0; k < std::min(truth.camera_count(), got.camera_count()); ++k)
         if (truth.view(frame, k).present && got.view(frame, k).present) {
             from.push_back(got.camera(frame, k).centre());
             to.push_back(truth.camera(frame, k).centre());
+        }
+    // Landmarks, which may be wrong, decide what few cameras leave open.
+    constexpr std::size_t enough = 3;
+    const Columns<double>&a = got.frames[f].landmarks, &b = truth.frames[f].landmarks;
+    if (from.size() < enough)
+        for (Index i = 0; i < std::min(a.cols(), b.cols()); ++i) {
+            from.push_back(a.col(i));
+            to.push_back(b.col(i));
         }
     Columns<double> x(3, static_cast<Index>(from.size())), y = x;
     for (std::size_t i = 0; i < from.size(); ++i) {

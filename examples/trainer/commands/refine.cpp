@@ -72,6 +72,7 @@ void refine_by_labels(const RefineCommand& o) {
     for (const int f : capture.train) {
         const auto i = static_cast<std::size_t>(f);
         changes.push_back(change_between(before[i], capture.frames[i]));
+        if (!found.moved.empty()) changes.back().points = found.moved[changes.size() - 1];
         const LabelChange& c = changes.back();
         const auto angles = [&](std::size_t e) {
             return std::vector<double>{c.gaze[e][0] / degree, c.gaze[e][1] / degree};

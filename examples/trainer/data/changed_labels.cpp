@@ -62,6 +62,17 @@ struct HeadMotion {
     }
 };
 
+/// The same for a motion that is known.
+struct WorldMotion {
+    Rigid<double> motion;
+    void move(std::vector<double>& points) const {
+        for (std::size_t i = 0; i + 2 < points.size(); i += 3) {
+            Eigen::Map<Vec3<double>> x(points.data() + i);
+            x = motion.apply(Vec3<double>(x));
+        }
+    }
+};
+
 /// Changes params.npz and returns the poses before and after.
 HeadMotion change_params(const fs::path& file, const LabelChange& change) {
     const std::string who = file.string();
@@ -141,7 +152,8 @@ void change_cameras(const fs::path& from, const fs::path& to, const CorrectedCam
 }
 
 /// Moves the points of a file.
-void change_points(const fs::path& file, const HeadMotion& motion) {
+template <class Motion>
+void change_points(const fs::path& file, const Motion& motion) {
     const NpyArray array = read_npy(file);
     std::vector<double> values = array.values<double>(file.string());
     motion.move(values);
@@ -210,10 +222,14 @@ void write_changed_capture(const fs::path& from, const fs::path& out,
             const HeadMotion motion = change_params(parts / (folder + "params.npz"), change);
             if (fs::exists(parts / (folder + "gaze.npz")))
                 change_gaze(parts / (folder + "gaze.npz"), change, motion, points);
-            if (points == HeadPoints::kept || change.pose.isZero(0)) continue;
+            const bool with_head = points == HeadPoints::moved && !change.pose.isZero(0);
+            if (!with_head && !change.points) continue;
             for (const char* name : {"lmk_3d.npy", "vertices.npy"}) {
                 if (!fs::exists(parts / (folder + name))) continue;
-                change_points(parts / (folder + name), motion);
+                if (with_head)
+                    change_points(parts / (folder + name), motion);
+                else
+                    change_points(parts / (folder + name), WorldMotion{*change.points});
                 changed.push_back(folder + name);
             }
         }

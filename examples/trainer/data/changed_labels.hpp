@@ -25,6 +25,7 @@ struct LabelChange {
     Vec<double, 6> pose = Vec<double, 6>::Zero(); ///< axis-angle [rad], translation [world unit]
     std::vector<double> expression;               ///< for every coefficient; empty for no change
     std::array<std::optional<Vec3<double>>, 2> centre; ///< replaces the eyeball's [world unit]
+    std::optional<Rigid<double>> points; ///< moves landmarks and vertices in the world, if kept
 };
 
 /// Treatment of the head's points in the world: landmarks, vertices and eyeball centres.

@@ -10,6 +10,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include <rye/geometry/rigid.hpp>
+
 #include "data/capture.hpp"
 #include "data/samples.hpp"
 
@@ -31,6 +33,9 @@ struct LabelFindings {
     std::vector<std::string> not_judged; ///< sentences: the label, and the reason
     std::vector<std::pair<std::string, double>> worst; ///< worst frames first [deg of gaze]
     bool poses = false, gazes = false; ///< true if corrected
+    /// Motions of the world that landmarks and vertices of training frames were moved by, in their
+    /// order; empty if they were not.
+    std::vector<Rigid<double>> moved;
 
     bool empty() const { return all.empty() && not_judged.empty(); }
     std::vector<std::string> lines() const;

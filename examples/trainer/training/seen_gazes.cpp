@@ -67,7 +67,7 @@ SeenGaze joined(const std::vector<SeenIris>& all) {
 
 std::vector<std::array<std::vector<SeenIris>, 2>>
 seen_irises(const Capture& capture, const std::vector<int>& frames,
-            const std::vector<std::array<EyeballInHead, 2>>& balls) {
+            const std::vector<std::array<EyeballInHead, 2>>& balls, double area_error) {
     std::vector<std::array<std::vector<SeenIris>, 2>> all(frames.size());
     std::mutex reading; // for the capture's pictures
     program_threads().run(static_cast<Index>(frames.size()), [&](Index k) {
@@ -101,7 +101,7 @@ seen_irises(const Capture& capture, const std::vector<int>& frames,
                     f.scale * b.iris_plane};
                 const std::optional<GazeEstimate> found = estimate_gaze(
                     picture, Columns<float>(eyes.pixels.row(static_cast<Index>(e))), view.camera,
-                    ball);
+                    ball, area_error);
                 if (!found) continue;
                 constexpr double sharp = 100; // pixels
                 const Vec3<double> iris =
@@ -120,10 +120,10 @@ seen_irises(const Capture& capture, const std::vector<int>& frames,
 
 std::vector<std::array<SeenGaze, 2>>
 seen_gazes(const Capture& capture, const std::vector<int>& frames,
-           const std::vector<std::array<EyeballInHead, 2>>& balls) {
+           const std::vector<std::array<EyeballInHead, 2>>& balls, double area_error) {
     std::vector<std::array<SeenGaze, 2>> all(frames.size());
     const std::vector<std::array<std::vector<SeenIris>, 2>> seen =
-        seen_irises(capture, frames, balls);
+        seen_irises(capture, frames, balls, area_error);
     for (std::size_t i = 0; i < all.size(); ++i)
         for (std::size_t e = 0; e < 2; ++e) all[i][e] = joined(seen[i][e]);
     return all;

@@ -35,14 +35,15 @@ struct SeenIris {
 };
 
 /// Returns the irises of both eyes in each of these frames, by camera. balls: both eyes in each
-/// frame. Needs eye masks; ignores eyes without one in a view.
+/// frame. Needs eye masks, which are off by up to `area_error` radii (estimate_gaze); ignores eyes
+/// without one in a view.
 std::vector<std::array<std::vector<SeenIris>, 2>>
 seen_irises(const Capture& capture, const std::vector<int>& frames,
-            const std::vector<std::array<EyeballInHead, 2>>& balls);
+            const std::vector<std::array<EyeballInHead, 2>>& balls, double area_error = 0);
 
 /// Returns the gazes joined from the irises of each frame.
 std::vector<std::array<SeenGaze, 2>>
 seen_gazes(const Capture& capture, const std::vector<int>& frames,
-           const std::vector<std::array<EyeballInHead, 2>>& balls);
+           const std::vector<std::array<EyeballInHead, 2>>& balls, double area_error = 0);
 
 } // namespace rye::trainer

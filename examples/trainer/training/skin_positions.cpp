@@ -18,36 +18,14 @@ constexpr double spread2 = 0.03 * 0.03; ///< variance of shine, in grey values
 /// Chin, jaw, brows, nose and corners of the mouth, which determine a camera (iBUG numbering).
 constexpr std::array<Index, 10> told{8, 2, 14, 17, 26, 21, 22, 30, 48, 54};
 
-/// Blurs by (1, 4, 6, 4, 1) / 16 in x and y; negative values stay, and spread to what they touch.
-void blur(std::vector<float>& grey, int width, int height) {
-    constexpr std::array<float, 5> weights{1, 4, 6, 4, 1};
-    for (const bool along_x : {true, false}) {
-        std::vector<float> out(grey.size(), -1.0F);
-        for (int y = 2; y + 2 < height; ++y)
-            for (int x = 2; x + 2 < width; ++x) {
-                float sum = 0;
-                bool inside = true;
-                for (int k = -2; k <= 2; ++k) {
-                    const int at = along_x ? y * width + x + k : (y + k) * width + x;
-                    const float v = grey[static_cast<std::size_t>(at)];
-                    inside = inside && v >= 0;
-                    sum += weights[static_cast<std::size_t>(k + 2)] * v;
-                }
-                if (inside) out[static_cast<std::size_t>(y * width + x)] = sum / 16;
-            }
-        grey = std::move(out);
-    }
-}
-
 } // namespace
 
 SkinPositions::SkinPositions(const Capture& capture, const std::vector<int>& frames,
                              const std::vector<std::size_t>& cameras,
                              const Vec3<double>& head, int largest)
-    : middle_(capture.width / 2.0, capture.height / 2.0) {
+    : pictures_(capture, frames, cameras, largest),
+      middle_(capture.width / 2.0, capture.height / 2.0) {
     constexpr Index most_points = 2000;
-    const int smaller = (std::max(capture.width, capture.height) + largest - 1) / largest;
-    scale_ = 1.0 / smaller;
     landmarks_.resize(3, static_cast<Index>(told.size() * frames.size()));
     for (std::size_t i = 0; i < frames.size(); ++i) {
         const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frames[i])];
@@ -59,70 +37,24 @@ SkinPositions::SkinPositions(const Capture& capture, const std::vector<int>& fra
         outwards_.push_back((all.colwise() - centre).colwise().normalized());
         for (std::size_t l = 0; l < told.size(); ++l)
             landmarks_.col(static_cast<Index>(i * told.size() + l)) = f.landmarks.col(told[l]);
-        for (const std::size_t c : cameras) {
-            Picture p;
-            const auto camera = static_cast<int>(c);
-            if (capture.view(frames[i], camera).present) {
-                const Image<float> rgb = capture.image(frames[i], camera),
-                                   mask = capture.mask(frames[i], camera);
-                p.width = rgb.width / smaller;
-                p.height = rgb.height / smaller;
-                p.grey.assign(static_cast<std::size_t>(p.width * p.height), 0);
-                for (int y = 0; y < p.height; ++y)
-                    for (int x = 0; x < p.width; ++x) {
-                        float sum = 0;
-                        bool inside = true;
-                        for (int b = 0; b < smaller; ++b)
-                            for (int a = 0; a < smaller; ++a) {
-                                const int u = x * smaller + a, v = y * smaller + b;
-                                inside = inside && mask.at(u, v)[0] >= 0.98F;
-                                sum += rgb.at(u, v).head(3).mean();
-                            }
-                        p.grey[static_cast<std::size_t>(y * p.width + x)] =
-                            inside ? sum / static_cast<float>(smaller * smaller) : -1.0F;
-                    }
-                blur(p.grey, p.width, p.height);
-            }
-            pictures_.push_back(std::move(p));
-        }
     }
 }
 
 std::vector<SkinPositions::Sample>
 SkinPositions::samples(const std::vector<Pinhole<double>>& cameras) const {
-    constexpr double frontal = 0.6; // cosine of the angle from outwards to the camera
     std::vector<Sample> all;
     std::size_t first = 0;
     for (std::size_t i = 0; i < points_.size(); ++i) {
         for (std::size_t k = 0; k < cameras.size(); ++k) {
-            const Picture& p = pictures_[i * cameras.size() + k];
-            if (p.grey.empty()) continue;
+            if (!pictures_.has(i, k)) continue;
             const Vec3<double> eye = cameras[k].centre();
             for (Index l = 0; l < points_[i].cols(); ++l) {
                 const Vec3<double> x = points_[i].col(l);
-                if (outwards_[i].col(l).dot((eye - x).normalized()) < frontal) continue;
-                const Vec2<double> at = cameras[k].project_point(x).head<2>();
-                const double u = at.x() * scale_ - 0.5, v = at.y() * scale_ - 0.5;
-                if (!(u >= 1 && v >= 1 && u < p.width - 2 && v < p.height - 2)) continue;
-                const int x0 = static_cast<int>(u), y0 = static_cast<int>(v);
-                const double s = u - x0, t = v - y0;
-                std::array<std::array<double, 4>, 4> g{}; // g[y][x] around it
-                bool inside = true;
-                for (std::size_t b = 0; b < 4; ++b)
-                    for (std::size_t a = 0; a < 4; ++a) {
-                        const int w = (y0 - 1 + static_cast<int>(b)) * p.width + x0 - 1 +
-                                      static_cast<int>(a);
-                        g[b][a] = static_cast<double>(p.grey[static_cast<std::size_t>(w)]);
-                        inside = inside && g[b][a] >= 0;
-                    }
-                if (!inside) continue;
-                const auto value = [&](std::size_t b, std::size_t a) {
-                    return (1 - t) * ((1 - s) * g[b][a] + s * g[b][a + 1]) +
-                           t * ((1 - s) * g[b + 1][a] + s * g[b + 1][a + 1]);
-                };
-                const Vec2<double> slope(value(1, 2) - value(1, 0), value(2, 1) - value(0, 1));
-                all.push_back({k, first + static_cast<std::size_t>(l), at, slope / 2 * scale_,
-                               value(1, 1)});
+                if (outwards_[i].col(l).dot((eye - x).normalized()) < frontal_skin) continue;
+                if (const std::optional<SkinValue> v =
+                        pictures_.value(i, k, cameras[k].project_point(x).head<2>()))
+                    all.push_back({k, first + static_cast<std::size_t>(l), v->at, v->slope,
+                                   v->grey});
             }
         }
         first += static_cast<std::size_t>(points_[i].cols());
@@ -214,7 +146,7 @@ std::vector<SeenPoint> SkinPositions::seen(const std::vector<Pinhole<double>>& c
             auto& a = normal[static_cast<std::size_t>(k)];
             // A displacement of half a pixel of the compared pictures is expected, less of what
             // varies over the picture.
-            const double pixel = 0.5 / scale_;
+            const double pixel = 0.5 / pictures_.scale();
             a.diagonal().array() += spread2 / (pixel * pixel);
             right[static_cast<std::size_t>(k)].head<4>() -=
                 spread2 / (pixel * pixel) * moved.col(k).head<4>();
@@ -231,7 +163,7 @@ std::vector<SeenPoint> SkinPositions::seen(const std::vector<Pinhole<double>>& c
     for (std::size_t k = 0; k < cameras.size(); ++k) {
         std::size_t frames = 0;
         for (std::size_t i = 0; i < points_.size(); ++i)
-            frames += pictures_[i * cameras.size() + k].grey.empty() ? 0 : 1;
+            frames += pictures_.has(i, k) ? 1 : 0;
         if (used[static_cast<Index>(k)] < fewest || frames < fewest_frames) continue;
         for (Index l = 0; l < landmarks_.cols(); ++l) {
             Sample s{k, 0, cameras[k].project_point(Vec3<double>(landmarks_.col(l))).head<2>(),

@@ -9,6 +9,7 @@
 
 #include "data/capture.hpp"
 #include "training/camera_fit.hpp"
+#include "training/skin_pictures.hpp"
 
 namespace rye::trainer {
 
@@ -33,10 +34,6 @@ class SkinPositions {
     const Columns<double>& landmarks() const { return landmarks_; }
 
   private:
-    struct Picture {
-        int width = 0, height = 0;
-        std::vector<float> grey; ///< blurred; negative outside the head
-    };
     /// A point's grey value in a camera.
     struct Sample {
         std::size_t camera, point;
@@ -45,8 +42,7 @@ class SkinPositions {
     };
     std::vector<Sample> samples(const std::vector<Pinhole<double>>& cameras) const;
 
-    double scale_ = 1;                ///< of the pictures, relative to full size
-    std::vector<Picture> pictures_;   ///< frames x cameras
+    SkinPictures pictures_;
     std::vector<Columns<double>> points_, outwards_; ///< 3 x P of each frame, world
     Columns<double> landmarks_;
     Vec2<double> middle_;             ///< of a picture [px]
