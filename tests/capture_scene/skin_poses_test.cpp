@@ -65,7 +65,7 @@ double eyes_off(const Capture& c) {
 
 /// Labels of a tracker whose mesh is off by 1.2 mm and a degree a frame.
 Capture tracked() {
-    Capture c = right().capture;
+    Capture c = read_capture(right().path);
     const Vec3<double> head = describe_subject(c, preset("cpu")).head_centre;
     const Random random{7};
     for (const int f : c.train) {
@@ -110,7 +110,7 @@ TEST_CASE("skin poses: heads come to where their skin is, and gazes with them") 
 }
 
 TEST_CASE("skin poses: labels that are right stay, to the bit") {
-    Capture c = right().capture;
+    Capture c = read_capture(right().path);
     const LabelFindings found = correct_labels(c, preset("cpu"));
     CHECK(found.moved.empty());
     for (const int f : c.train)

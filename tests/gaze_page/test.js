@@ -53,6 +53,20 @@ const changed = (a, b) => `(() => {
              seen: seen / (a.width * a.height - inside) };
 })()`;
 
+/// Run in the page: whether all of the picture is on the screen and no side but the lower one cuts the
+/// head, and how far the first gazes are from the visitor.
+const whole = `(async () => {
+    const c = document.getElementById("picture"), r = c.getBoundingClientRect(), at = await gazeAt([0, 0]);
+    const { data } = c.getContext("2d").getImageData(0, 0, c.width, c.height);
+    const head = (x, y) => [0, 1, 2].some((k) => Math.abs(data[4 * (y * c.width + x) + k] - data[k]) > 24);
+    const cut = (n, f) => Array.from({ length: n }, (_, i) => f(i)).some(Boolean);
+    return { inside: r.left >= 0 && r.top >= 0 && r.right <= innerWidth + 1 && r.bottom <= innerHeight + 1
+                     && Math.max(r.width, r.height) > 0.7 * Math.min(innerWidth, innerHeight),
+             head: !cut(c.width, (x) => head(x, 0)) && !cut(c.height / 2, (y) => head(0, y) || head(c.width - 1, y))
+                   && head(c.width >> 1, c.height >> 1),
+             off: Math.max(...gaze.map((g, i) => Math.abs(g - at[i]))), first: gazePage.firstPicture };
+})()`;
+
 async function main() {
     fs.mkdirSync(out, { recursive: true });
     const server = await serve([page, path.dirname(reference)]);
@@ -214,6 +228,16 @@ async function main() {
         await b.evaluate("reset(); document.getElementById('follow').checked = true; true");
         await move(0.12, 0.62);
         await b.screenshot(path.join(out, "desktop.png"));
+        for (const [w, h, mobile] of [[844, 390, true], [1366, 768, false], [2560, 1440, false], [390, 844, true]]) {
+            await b.view(w, h, mobile);
+            await b.call("Page.navigate", { url });
+            await b.until("window.gazePage && gazePage.firstPicture !== null", 60000);
+            const seen = await b.evaluate(whole);
+            await b.screenshot(path.join(out, `screen_${w}.png`));
+            figure(`on ${w} x ${h}: the picture on the screen, whole head, off the visitor [rad], ms`,
+                   [seen.inside, seen.head, seen.off.toFixed(3), seen.first.toFixed(0)].join(", "),
+                   seen.inside && seen.head && seen.off === 0 && seen.first < 3000, "true, true, 0, below 3000");
+        }
         await b.view(390, 844, true);
         const wide = await b.evaluate("document.documentElement.scrollWidth");
         figure("width of the page on a screen of 390 [px]", String(wide), wide <= 390, "at most 390");
