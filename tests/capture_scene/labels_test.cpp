@@ -211,7 +211,7 @@ TEST_CASE("labels: right ones are found right and stay as they are, to the bit")
         CHECK(f.off <= f.bound);
     }
     CHECK(found.not_judged.empty());
-    CHECK(found.all.size() == 6);
+    CHECK(found.all.size() == 8);
     CHECK(!found.poses);
     CHECK(!found.gazes);
     CHECK(same(c.frames, right().capture.frames));

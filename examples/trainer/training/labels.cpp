@@ -144,8 +144,13 @@ class Corrector {
     /// Corrects the motions of heads by the skin, with all that follows a tracker's mesh: where
     /// landmarks alone find no turn, they may turn with the labels.
     void skin() {
-        constexpr std::size_t most = 500; // frames, so that the time is bounded
-        if (turned_ || count() > most) return;
+        constexpr std::size_t most = 250; // frames, so that time and memory are bounded
+        if (turned_) return;
+        if (count() > most) {
+            found_.not_judged.push_back("heads by their skin: of at most " + std::to_string(most) +
+                                        " training frames");
+            return;
+        }
         TrainConfig config = config_;
         config.avatar.expression = c_.expression_width();
         const Vec3<double> head = describe_subject(c_, config).head_centre;

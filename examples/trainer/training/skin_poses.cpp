@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numeric>
 #include <optional>
+#include <utility>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -103,9 +104,9 @@ class Alignment {
 
     SkinPoses run() {
         SkinPoses out;
-        const SkinPictures fine(c_, frames_, cameras_, 512);
+        SkinPictures fine(c_, frames_, cameras_, 256);
         for (const bool coarse : {true, false}) { // heads that are far off, then all
-            pictures_ = coarse ? fine.coarser(128) : fine;
+            pictures_ = coarse ? fine.coarser(128) : std::move(fine);
             align(out, coarse);
         }
         out.after = difference_;
