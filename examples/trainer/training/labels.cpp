@@ -168,7 +168,7 @@ class Corrector {
         found_.all.push_back({"heads by their skin", rms(turn), bounds[0], "deg", wrong, remedy});
         found_.all.push_back({"heads by their skin", rms(shift), bounds[1], "mm", wrong, remedy});
         if (!wrong) return;
-        found_.poses = skin_moved_ = true;
+        found_.poses = true;
         for (std::size_t i = 0; i < count(); ++i) {
             CaptureFrame& f = frame(i);
             const Mat3<double> r = so3_exp(Vec3<double>(f.pose.head<3>())),
@@ -390,7 +390,7 @@ class Corrector {
                     (to_canonical(frame(i), *frame(i).eyes[e].centre) - rig[e]).norm());
         }
         // Eye masks of a mesh were elsewhere with it.
-        const double area_error = skin_moved_ ? own_area_error : 0;
+        const double area_error = found_.moved.empty() ? 0 : own_area_error;
         std::vector<std::array<SeenGaze, 2>> seen =
             seen_gazes(c_, c_.train, balls(nullptr), area_error);
         Differences d = differences(seen);
@@ -500,8 +500,7 @@ class Corrector {
     const TrainConfig& config_;
     Columns<double> shapes_; ///< of the face model, E x 3 L, or empty
     LabelFindings found_;
-    bool turned_ = false;     ///< true if landmarks found head poses turned
-    bool skin_moved_ = false; ///< true if heads were moved by their skin
+    bool turned_ = false; ///< true if landmarks found head poses turned
 };
 
 std::string text(const char* format, double x) {

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -99,7 +98,7 @@ class Alignment {
             points_.push_back(all(Eigen::all, told_));
         }
         seen_.resize(frames.size());
-        right_.resize(frames.size());
+        costs_.resize(frames.size());
     }
 
     SkinPoses run() {
@@ -238,7 +237,7 @@ class Alignment {
             cost += off * off / (1 + off * off / spread2); // Geman and McClure's
             used += 1;
         }
-        right_[i] = {cost, used};
+        costs_[i] = {cost, used};
         const double known = alike * spread2;
         for (Index k = 0; k < motion; ++k) {
             const double sigma = k < 3 ? turn_before : shift_before;
@@ -254,8 +253,8 @@ class Alignment {
         double cost = 0, used = 0;
         for (std::size_t i = 0; i < frames_.size(); ++i) {
             mean += state_[i].head<motion>() / static_cast<double>(frames_.size());
-            cost += right_[i][0];
-            used += right_[i][1];
+            cost += costs_[i][0];
+            used += costs_[i][1];
         }
         for (VecX<double>& s : state_) s.head<motion>() -= mean;
         difference_ = used > 0 ? std::sqrt(cost / used) : 0;
@@ -275,7 +274,7 @@ class Alignment {
         std::vector<Vec<double, motion>>(frames_.size(), Vec<double, motion>::Zero());
     std::vector<double> sum_;
     std::vector<int> by_;
-    std::vector<Vec2<double>> right_; ///< cost and number of samples
+    std::vector<Vec2<double>> costs_; ///< cost and number of samples
     double difference_ = 0;
 };
 
