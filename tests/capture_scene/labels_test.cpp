@@ -12,6 +12,7 @@
 #include <rye/rig/gaze.hpp>
 
 #include "data/flaws.hpp"
+#include "data/samples.hpp"
 #include "right_capture.hpp"
 #include "training/camera_colours.hpp"
 #include "training/gaze_estimator.hpp"
@@ -269,6 +270,73 @@ TEST_CASE("labels: gazes come back from the irises") {
             CHECK(config.gaussians.rates.delta_gaze > 0);
         }
     }
+}
+
+/// Takes the eyeballs' centres and sizes off the labels.
+void forget_eyeballs(Capture& c) {
+    for (CaptureFrame& f : c.frames) {
+        f.has_centres = false;
+        for (CaptureEye& e : f.eyes)
+            e.centre.reset(), e.radius.reset(), e.limbus_radius.reset(), e.iris_plane.reset();
+    }
+}
+
+TEST_CASE("labels: eyeballs that nobody measured are placed by the irises, and gazes come back") {
+    const Flawed flawed([](FlawSizes& s) {
+        s[Flaw::gaze_common] = 4;
+        s[Flaw::gaze_single] = 2;
+    });
+    for (const fs::path& folder : {flawed.capture.folder, right().path}) {
+        const bool wrong = folder != right().path;
+        CAPTURE(wrong);
+        Capture before = read_capture(folder);
+        forget_eyeballs(before);
+        const Subject assumed = describe_subject(before, preset("tiny"));
+        Capture c = read_capture(folder);
+        forget_eyeballs(c);
+        const LabelFindings found = correct_labels(c, preset("cpu"));
+        CHECK(finding(found, "eyeballs", "mm").wrong);
+        CHECK(c.has_centres());
+        const CaptureFrame& truth = right().frame(c.train[0]);
+        for (std::size_t e = 0; e < 2; ++e) {
+            const Vec3<double> at = to_canonical(truth, *truth.eyes[e].centre);
+            const double was = 100 * (assumed.eye_centre[e] - at).norm(),
+                         off = 100 * (to_canonical(truth, *c.frame(c.train[0]).eyes[e].centre) - at)
+                                         .norm();
+            MESSAGE("eyeball ", e, ": ", was, " mm off, then ", off, "; irises at ",
+                    *c.frame(c.train[0]).eyes[e].iris_plane, " of ", *truth.eyes[e].iris_plane);
+            CHECK(off < 1.5);
+            CHECK(*c.frame(c.train[0]).eyes[e].iris_plane ==
+                  doctest::Approx(*truth.eyes[e].iris_plane).epsilon(0.12));
+        }
+        // All frames have the same eyeballs, fixed in their heads; test frames keep the rest.
+        for (int f = 0; f < c.frame_count(); ++f)
+            for (std::size_t e = 0; e < 2; ++e)
+                CHECK((to_canonical(c.frame(f), *c.frame(f).eyes[e].centre) -
+                       to_canonical(c.frame(0), *c.frame(0).eyes[e].centre))
+                          .norm() < 1e-9);
+        for (const int f : c.test)
+            for (std::size_t e = 0; e < 2; ++e)
+                CHECK(c.frame(f).eyes[e].optical == before.frame(f).eyes[e].optical);
+        const GazeErrors first(before), after(c);
+        MESSAGE("gazes: ", first.seen, " deg, then ", after.seen);
+        CHECK(found.gazes == wrong);
+        if (wrong) CHECK(2 * after.seen < first.seen);
+        else CHECK(after.seen == 0);
+    }
+}
+
+TEST_CASE("labels: eyeballs are not placed where one camera, or none, shows the irises") {
+    Capture c = read_capture(right().path);
+    forget_eyeballs(c);
+    for (int f = 0; f < c.frame_count(); ++f)
+        for (int k = 1; k < c.camera_count(); ++k)
+            c.views[static_cast<std::size_t>(f * c.camera_count() + k)].present = false;
+    const LabelFindings found = correct_labels(c, preset("cpu"));
+    CHECK(!found.not_judged.empty());
+    CHECK(found.not_judged.back().starts_with("gazes and eyeball centres: the capture has no"));
+    CHECK(!c.has_centres());
+    CHECK(!found.gazes);
 }
 
 TEST_CASE("labels: head poses and landmarks come nearer by those of all frames") {

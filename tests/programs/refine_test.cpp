@@ -87,6 +87,35 @@ TEST_CASE("changed labels: points, centres and axes move with the head, kappa st
           bytes_of(tiny.params(1, "lmk_3d.npy")));
 }
 
+TEST_CASE("changed labels: a frame without eyeballs gets them, another keeps its own") {
+    TemporaryFolder folder;
+    const TinyCapture tiny(folder.path / "capture");
+    const Capture before = read_capture(tiny.folder);
+    CaptureFrame after = before.frame(0);
+    CaptureFrame none = after;
+    none.has_centres = false;
+    for (CaptureEye& e : none.eyes) e.centre.reset();
+    for (std::size_t e = 0; e < 2; ++e) {
+        after.eyes[e].centre = Vec3<double>(e == 0 ? 0.3 : -0.3, 0.25, 0.75);
+        after.eyes[e].radius = 0.125;
+        after.eyes[e].limbus_radius = e == 0 ? 0.0625 : 0.046875;
+        after.eyes[e].iris_plane = 0.09375;
+    }
+    after.has_centres = true;
+    write_changed_capture(tiny.folder, folder.path / "out", {change_between(none, after)},
+                          HeadPoints::kept);
+    const Capture out = read_capture(folder.path / "out");
+    for (std::size_t e = 0; e < 2; ++e) {
+        const CaptureEye& is = out.frame(0).eyes[e];
+        CHECK(is.centre == after.eyes[e].centre);
+        CHECK(is.radius == after.eyes[e].radius);
+        CHECK(is.limbus_radius == after.eyes[e].limbus_radius);
+        CHECK(is.iris_plane == after.eyes[e].iris_plane);
+        CHECK(out.frame(1).eyes[e].centre == before.frame(1).eyes[e].centre);
+        CHECK(out.frame(1).eyes[e].radius == before.frame(1).eyes[e].radius);
+    }
+}
+
 TEST_CASE("changed labels: what capture.json states of the arrays stays true") {
     TemporaryFolder folder;
     const TinyCapture tiny(folder.path / "capture");

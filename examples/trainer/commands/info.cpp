@@ -123,7 +123,7 @@ std::string describe_gaze(const Capture& c) {
         if (eye.limbus_radius) text += ", limbus " + number(*eye.limbus_radius, 3);
         out += line(e == 0 ? "gaze left" : "gaze right", text);
     }
-    return out + line("eye centres", c.has_centres() ? "measured" : "none: placed by the lids") +
+    return out + line("eye centres", c.has_centres() ? "measured" : "none: placed by the irises, or else by the lids") +
            line("eye masks", c.has_eye_masks ? "in every view" : "not in every view");
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye refine`: writes a capture with labels corrected by its photographs and a trained avatar, or
 /// by each other and the irises in its photographs.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <memory>
@@ -81,6 +82,11 @@ void refine_by_labels(const RefineCommand& o) {
                            {"gaze_right", angles(1)},
                            {"pose", std::vector<double>(c.pose.data(), c.pose.data() + 6)}};
     }
+    // Eyeballs that were not measured are placed in all frames.
+    for (std::size_t i = 0; i < before.size(); ++i)
+        if (!std::count(capture.train.begin(), capture.train.end(), static_cast<int>(i)) &&
+            before[i].has_centres != capture.frames[i].has_centres)
+            changes.push_back(change_between(before[i], capture.frames[i]));
     nlohmann::ordered_json record = {{"capture", capture.folder.string()}};
     record["cameras"] = cameras.json();
     record.update(found.json());

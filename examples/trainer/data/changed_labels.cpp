@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "data/changed_labels.hpp"
 
+#include <array>
+#include <span>
 
 #include <rye/capture/npz.hpp>
 #include <rye/core/checksum.hpp>
@@ -126,6 +128,15 @@ void change_gaze(const fs::path& file, const LabelChange& change, const HeadMoti
             if (points == HeadPoints::moved) motion.move(v);
             if (change.centre[e]) vector_of(v, "eye_center_" + side) = *change.centre[e];
         });
+        if (const std::string name = "eye_center_" + side; change.centre[e] && !arrays.contains(name))
+            arrays[name] = npy_array<double>({3}, std::span<const double>(change.centre[e]->data(), 3));
+    }
+    if (change.sizes) {
+        const char* names[] = {"eye_radius", "limbus_radius", "iris_plane"};
+        for (Index k = 0; k < 3; ++k) {
+            const std::array<double, 2> both{(*change.sizes)[0][k], (*change.sizes)[1][k]};
+            arrays[names[k]] = npy_array<double>({2}, both);
+        }
     }
     write_bytes(file, npz_bytes(arrays));
 }
@@ -190,6 +201,13 @@ LabelChange change_between(const CaptureFrame& before, const CaptureFrame& after
         change.gaze[e] = pitch_yaw(after.eyes[e].optical) - pitch_yaw(before.eyes[e].optical);
         if (after.eyes[e].centre && after.eyes[e].centre != before.eyes[e].centre)
             change.centre[e] = after.eyes[e].centre;
+    }
+    if (!before.has_centres && after.has_centres) {
+        const auto sizes = [](const CaptureEye& eye) {
+            return Vec3<double>(eye.radius.value(), eye.limbus_radius.value(),
+                                eye.iris_plane.value());
+        };
+        change.sizes = {sizes(after.eyes[0]), sizes(after.eyes[1])};
     }
     for (std::size_t k = 0; k < after.expression.size(); ++k)
         change.expression.push_back(static_cast<double>(after.expression[k]) -

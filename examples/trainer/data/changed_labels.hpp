@@ -25,6 +25,9 @@ struct LabelChange {
     Vec<double, 6> pose = Vec<double, 6>::Zero(); ///< axis-angle [rad], translation [world unit]
     std::vector<double> expression;               ///< for every coefficient; empty for no change
     std::array<std::optional<Vec3<double>>, 2> centre; ///< replaces the eyeball's [world unit]
+    /// Radius, radius of the limbus and distance of the iris of both eyeballs, of a frame without a
+    /// centre [world unit].
+    std::optional<std::array<Vec3<double>, 2>> sizes;
     std::optional<Rigid<double>> points; ///< moves landmarks and vertices in the world, if kept
 };
 

@@ -662,8 +662,8 @@ void summarize(const XgazeSource& s, const Totals& t, ImportSummary& summary) {
             "expression coefficients: one that is 0; face, eyes and what "
             "follows pose and gaze are trained, expressions are averaged");
     summary.missing.push_back(
-        "eyeballs' centres, size of the iris and kappa: placed by the lids, of "
-        "an average eye; the gaze is a line of sight, not an optical axis");
+        "eyeballs' centres, size of the iris and kappa: a training places the eyeballs by the "
+        "irises; the gaze is a line of sight, not an optical axis");
 }
 
 } // namespace

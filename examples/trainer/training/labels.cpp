@@ -17,6 +17,7 @@
 #include "data/median.hpp"
 #include "training/centre_errors.hpp"
 #include "training/expression_regions.hpp"
+#include "training/fitted_eyeballs.hpp"
 #include "training/seen_gazes.hpp"
 #include "training/skin_poses.hpp"
 #include "training/steps.hpp"
@@ -366,16 +367,55 @@ class Corrector {
         return std::filesystem::exists(file) && read_json(file).contains("video");
     }
 
+    /// Gives all frames eyeballs, which the capture did not measure. Returns false if the pictures
+    /// do not tell of them.
+    bool place_eyeballs() {
+        TrainConfig config = config_;
+        config.avatar.expression = c_.expression_width();
+        const Subject subject = describe_subject(c_, config);
+        std::array<EyeballInHead, 2> assumed;
+        for (std::size_t e = 0; e < 2; ++e)
+            assumed[e] = {subject.eye_centre[e], subject.eye_radius[e], subject.limbus_radius[e],
+                          subject.iris_plane[e]};
+        // Without measured eyeballs the areas of the eyes are the lids' landmarks'.
+        const auto balls = fitted_eyeballs(c_, c_.train, assumed, own_area_error);
+        if (!balls) return false;
+        std::vector<double> moved;
+        for (std::size_t e = 0; e < 2; ++e)
+            moved.push_back(mm_per_unit * ((*balls)[e].centre - assumed[e].centre).norm());
+        found_.all.push_back({"eyeballs, behind the lids", rms(moved), 0, "mm", true,
+                              "placed where the gazes pass through the irises"});
+        for (CaptureFrame& f : c_.frames) {
+            const Mat3<double> r = so3_exp(Vec3<double>(f.pose.head<3>()));
+            for (std::size_t e = 0; e < 2; ++e) {
+                const EyeballInHead& ball = (*balls)[e];
+                CaptureEye& eye = f.eyes[e];
+                eye.centre = Vec3<double>(f.scale * (r * ball.centre) + f.pose.tail<3>());
+                eye.radius = f.scale * ball.radius;
+                eye.limbus_radius = f.scale * ball.limbus_radius;
+                eye.iris_plane = f.scale * ball.iris_plane;
+            }
+            f.has_centres = true;
+        }
+        return true;
+    }
+
     void eyes() {
         if (of_video()) {
             found_.not_judged.push_back("gazes and eyeball centres: `rye import video` has weighed the "
                                         "irises in its pictures already");
             return;
         }
-        if (!c_.has_eye_masks || !c_.has_centres() || !config_.measured_eyes) {
+        if (!c_.has_eye_masks || !config_.measured_eyes) {
             found_.not_judged.push_back(
                 "gazes and eyeball centres: the pictures tell of them where the capture has eye "
-                "masks and eyeball centres");
+                "masks");
+            return;
+        }
+        const bool placed = !c_.has_centres();
+        if (placed && !place_eyeballs()) {
+            found_.not_judged.push_back("gazes and eyeball centres: the capture has no centres, and "
+                                        "too few irises are seen from two sides to place them");
             return;
         }
         std::array<Vec3<double>, 2> rig{Vec3<double>::Zero(), Vec3<double>::Zero()};
@@ -394,13 +434,14 @@ class Corrector {
         std::vector<std::array<SeenGaze, 2>> seen =
             seen_gazes(c_, c_.train, balls(nullptr), area_error);
         Differences d = differences(seen);
-        const double bound = 2 * degree, least_motion = 0.1;
+        // On eyeballs that the irises placed themselves, heads that are off show as gazes.
+        const double bound = (placed ? 3 : 2) * degree, least_motion = 0.1;
         if (2 * d.eyes < count()) {
             found_.not_judged.push_back("gazes and eyeball centres: too few irises are seen");
             return;
         }
         bool hold = false;
-        if (rms(moved) > least_motion && off_of(d) > bound / 2) {
+        if (!placed && rms(moved) > least_motion && off_of(d) > bound / 2) {
             const std::vector<std::array<SeenGaze, 2>> with_rig =
                 seen_gazes(c_, c_.train, balls(&rig), area_error);
             const Differences r = differences(with_rig);
@@ -412,8 +453,9 @@ class Corrector {
                 d = r;
             }
         }
-        found_.all.push_back({"eyeball centres from their mean", rms(moved), least_motion, "mm",
-                              hold, "held at their mean, by which gazes agree with the irises"});
+        if (!placed)
+            found_.all.push_back({"eyeball centres from their mean", rms(moved), least_motion, "mm",
+                                  hold, "held at their mean, by which gazes agree with the irises"});
         if (hold)
             for (std::size_t i = 0; i < count(); ++i) {
                 CaptureFrame& f = frame(i);
