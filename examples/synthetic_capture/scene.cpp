@@ -187,15 +187,19 @@ VecX<double> random_expression(const std::vector<std::string>& names, const Rand
     return weights;
 }
 
-void place_eyes(SceneFrame& f, const HeadModel& model, const CaptureScene& scene) {
-    const Vec3<double> between = 0.5 * (model.eyes[0].centre + model.eyes[1].centre);
-    const Vec3<double> target = between + target_distance * direction(*f.fixation_deg);
+void look_at_target(SceneFrame& f, const HeadModel& model, const CaptureScene& scene,
+                    const Vec3<double>& target) {
     f.target = f.state.world_from_head.apply(target);
     for (std::size_t e = 0; e < 2; ++e) {
         f.visual[e] = normalized(Vec3<double>(target - centre_of(f, model, e)));
         f.optical_deg[e] = yaw_pitch_deg(f.visual[e]) + scene.kappa_deg[e];
     }
     turn_eyes(f);
+}
+
+void place_eyes(SceneFrame& f, const HeadModel& model, const CaptureScene& scene) {
+    const Vec3<double> between = 0.5 * (model.eyes[0].centre + model.eyes[1].centre);
+    look_at_target(f, model, scene, between + target_distance * direction(*f.fixation_deg));
 }
 
 CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {

@@ -80,7 +80,11 @@ CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& settin
 /// Returns random weights for a few expressions, nearly equal for left and right.
 VecX<double> random_expression(const std::vector<std::string>& names, const Random& r);
 
-/// Turns the eyes of a frame towards its fixation, with the lids that follow them.
+/// Turns the eyes of a frame towards a target in the head frame, with the lids that follow them.
+void look_at_target(SceneFrame& f, const HeadModel& model, const CaptureScene& scene,
+                    const Vec3<double>& target);
+
+/// Turns the eyes of a frame towards its fixation.
 void place_eyes(SceneFrame& f, const HeadModel& model, const CaptureScene& scene);
 
 /// Renders every view and writes the capture to a new folder `out`, which appears when complete.

@@ -81,7 +81,14 @@ CaptureScene video_scene(const HeadModel& model, const CaptureSettings& settings
             look == 0 ? Vec2<double>(0, 0)
                       : Vec2<double>(reach_yaw_deg * (2 * of_look.uniform(0) - 1),
                                      reach_pitch_deg * (2 * of_look.uniform(1) - 1));
-        place_eyes(f, model, scene);
+        const auto dot = v.dot ? v.dot(seconds) : std::nullopt;
+        if (!dot) {
+            place_eyes(f, model, scene);
+            continue;
+        }
+        f.fixation_deg.reset();
+        const Vec3<double> at = c.camera.centre() + unit_per_mm * Vec3<double>(-dot->x(), dot->y(), 0);
+        look_at_target(f, model, scene, f.state.world_from_head.inverse().apply(at));
     }
     return scene;
 }

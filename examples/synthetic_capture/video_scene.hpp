@@ -3,6 +3,9 @@
 /// and looks around, with all labels known. World and units of scene.hpp; angles in degrees.
 #pragma once
 
+#include <functional>
+#include <optional>
+
 #include "synthetic_capture/scene.hpp"
 
 namespace rye::trainer {
@@ -14,6 +17,9 @@ struct VideoSettings {
     double focal = 1.05;     ///< focal length over the edge of the picture
     double turn_deg = 40;    ///< the head turns by this to both sides
     double nod_deg = 14, tilt_deg = 6;
+    /// Returns the dot that the eyes look at, at a time of the video [s]: to the right and up from
+    /// the camera in its plane, as the person sees it [mm]. Without one eyes look around.
+    std::function<std::optional<Vec2<double>>(double)> dot;
 };
 
 /// Returns the scene of a video: one camera, and frames whose pose and expression move smoothly;

@@ -13,6 +13,7 @@
 #include "commands/film.hpp"
 #include "commands/options.hpp"
 #include "commands/progress.hpp"
+#include "data/gaze_dots.hpp"
 #include "data/system.hpp"
 #include "data/threads.hpp"
 #include "synthetic_capture/video_scene.hpp"
@@ -25,7 +26,8 @@ namespace fs = std::filesystem;
 struct Options {
     CaptureSettings settings;
     VideoSettings film;
-    fs::path out, model, video;
+    fs::path out, model, video, dots;
+    double dots_begin = 0;
     int threads = 0;
     bool overwrite = false, quiet = false;
 };
@@ -68,6 +70,14 @@ void run(const Options& o) {
         o.model.empty() ? procedural_head(o.settings.seed) : ict_head(o.model, o.settings.seed);
     VideoSettings film = o.film;
     film.frames = o.settings.train_frames;
+    if (!o.dots.empty()) {
+        // Eyes take a fifth of a second to follow.
+        constexpr double reaction = 0.2;
+        film.dot = [dots = read_gaze_dots(o.dots), begin = o.dots_begin + reaction](double time) {
+            const std::optional<GazeDot> dot = dot_at(dots, time - begin);
+            return dot ? std::optional(dot->right_up) : std::nullopt;
+        };
+    }
     const CaptureScene scene = o.video.empty() ? capture_scene(model, o.settings)
                                                : video_scene(model, o.settings, film);
     // Written under another name, so that an interrupted capture cannot pass for a complete one.
@@ -130,6 +140,12 @@ void add_capture(CLI::App& app) {
         ->needs(video)
         ->capture_default_str();
     c->add_option("--turn", o->film.turn_deg, "Angle by which the head turns to both sides [deg]")
+        ->needs(video)
+        ->capture_default_str();
+    c->add_option("--dots", o->dots,
+                  "CSV of dots on a screen that the eyes look at (docs/gaze_dots.html)")
+        ->needs(video);
+    c->add_option("--dots-begin", o->dots_begin, "When the dots' clock begins in the video [s]")
         ->needs(video)
         ->capture_default_str();
     add_threads(*c, o->threads, "Threads; the files do not depend on it (0: all)");

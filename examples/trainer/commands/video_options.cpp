@@ -28,6 +28,9 @@ void add_video_options(CLI::App& command, VideoImport& video) {
         .add_option("--iris-mm", video.iris_mm, "Diameter of an iris, which gives the scale [mm]")
         ->check(from_to(9.0, 14.0))
         ->capture_default_str();
+    command.add_option("--dots", video.dots,
+                       "CSV of the dots that the eyes of the first video look at "
+                       "(docs/gaze_dots.html)");
     command.add_option("--modules", video.modules, "node_modules with the tracker's packages");
     command.add_option("--landmarker", video.landmarker, "face_landmarker.task of MediaPipe");
     command.add_option("--tracker", video.tracker, "track.js of rye's sources");

@@ -29,6 +29,7 @@ namespace rye::trainer {
 struct VideoImport {
     std::vector<std::filesystem::path> files; ///< videos, or folders of their tracks
     std::filesystem::path modules, landmarker, tracker; ///< video_tools.hpp
+    std::filesystem::path dots; ///< that were looked at in the first video (data/gaze_dots.hpp), or empty
     int every = 3;       ///< which pictures of the video are tracked
     int frames = 120;    ///< most frames of the capture
     int size = 512;      ///< most pixels of a side of its pictures

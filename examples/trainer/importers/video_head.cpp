@@ -156,12 +156,17 @@ double iris_pixels(const TrackedPicture& p, std::size_t eye) {
 /// coefficients say. Its irises are a worse measure: they follow the lids more than the eye.
 /// video_gaze.hpp corrects it.
 Vec3<double> gaze_of(const Vec2<double>& look, std::size_t eye) {
-    const double kappa = eye == 0 ? usual_kappa_deg.x() : -usual_kappa_deg.x();
-    return gaze_vector(degree * (look_deg * look.y() + usual_kappa_deg.y()),
-                       degree * (look_deg * look.x() + kappa));
+    return usual_optical_axis(gaze_vector(degree * look_deg * look.y(), degree * look_deg * look.x()),
+                              eye);
 }
 
 } // namespace
+
+Vec3<double> usual_optical_axis(const Vec3<double>& visual, std::size_t eye) {
+    const Vec2<double> angles = pitch_yaw(visual);
+    const double kappa = eye == 0 ? usual_kappa_deg.x() : -usual_kappa_deg.x();
+    return gaze_vector(angles[0] + degree * usual_kappa_deg.y(), angles[1] + degree * kappa);
+}
 
 VideoHead video_head(const Tracks& tracks, const std::vector<int>& pictures,
                      const HeadOptions& options) {

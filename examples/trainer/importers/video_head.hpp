@@ -44,6 +44,9 @@ struct VideoHead {
     double landmark_error = 0;     ///< median of the landmarks' errors [px]
 };
 
+/// Returns the optical axis of an average eye that looks in this direction; both in the head frame.
+Vec3<double> usual_optical_axis(const Vec3<double>& visual, std::size_t eye);
+
 /// Returns the head in these pictures of the tracks, each with one face.
 VideoHead video_head(const Tracks& tracks, const std::vector<int>& pictures,
                      const HeadOptions& options);
