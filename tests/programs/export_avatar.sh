@@ -1,10 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # export_avatar.sh RYE LESSON WORK: a run becomes an avatar file that the lesson in C draws without
-# the run and the capture, and bases beside a splat file (bases.mjs); what cannot be exported gives one
-# sentence and leaves what was there.
+# the run and the capture; what cannot be exported gives one sentence and leaves what was there.
 set -eu
-here=$(cd "$(dirname "$0")" && pwd)
 rye=$1
 lesson=$2
 work=$3
@@ -46,19 +44,6 @@ for axis in optical visual; do
     "$rye" export --run "$axis" --out again.avatar > said.txt
     cmp "$axis.avatar" again.avatar || fail "another file the second time"
 done
-
-# Bases beside a splat file, read and applied by others' means.
-if command -v node > /dev/null; then
-    for axis in optical visual; do node "$here/bases.mjs" "$rye" "$axis"; done
-else
-    echo "not run: bases of a splat file, for there is no node"
-fi
-refuses "head.bases" "$rye" export --run optical --out head.ply --bases head.bases
-refuses "x.avatar" "$rye" export --run optical --out x.avatar --bases head.safetensors
-refuses "no-such-name" "$rye" export --run optical --expression no-such-name=1 --out x.ply
-refuses "NAME=VALUE" "$rye" export --run optical --expression jawOpen --out x.ply
-refuses "jawOpen" "$rye" export --run optical --expression jawOpen=wide --out x.ply
-[ ! -e head.safetensors ] && [ ! -e x.ply ] || fail "a file of refused options"
 
 # Nothing but the file is needed.
 mkdir alone
