@@ -9,7 +9,8 @@
 
 namespace rye::trainer {
 
-/// The smallest changes that are kept; smaller ones are 0, and an entry of zeros is left out.
+/// The smallest lengths of changes that are kept; shorter ones are 0, and an entry of zeros is left
+/// out.
 struct BasisBounds {
     float centre = 5e-3F; ///< of the half-width of the Gaussians' box: about a pixel in 512
     float turn = 0.05F;   ///< [rad]

@@ -21,8 +21,9 @@
 
 namespace rye {
 
-/// Name of the format in the file's metadata, and its version.
+/// Name of the format in the file's metadata.
 inline constexpr const char* bases_format = "rye-bases";
+/// Version of the format.
 inline constexpr const char* bases_version = "1";
 
 /// Numbers of a change: centre 3, rotation vector 3 (turns from the left), logarithms of the scales
