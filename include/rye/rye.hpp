@@ -69,6 +69,7 @@
 #include <rye/capture/problem.hpp>
 #include <rye/capture/read_capture.hpp>
 #include <rye/capture/safetensors.hpp>
+#include <rye/capture/splat_bases.hpp>
 #include <rye/capture/splat_file.hpp>
 #include <rye/capture/splat_quantize.hpp>
 #include <rye/capture/splats.hpp>

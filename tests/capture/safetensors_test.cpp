@@ -108,7 +108,7 @@ TEST_CASE("safetensors: the reference's list of faults") {
     CHECK_FAULT(parse(u8("[4611686018427387904,2,0]", "[0,0]"), 0), "overflows");
     CHECK_FAULT(parse(u8("[2]", "[0]"), 2), "expected dtype, shape and two data_offsets");
     CHECK_FAULT(parse(R"({"u":{"dtype":"BF16","shape":[1],"data_offsets":[0,2]}})", 2),
-                "got type BF16, expected F64, F32, F16, I64 or U8");
+                "got type BF16, expected F64, F32, F16, I64, U32 or U8");
     CHECK_FAULT(parse(R"({"a":{"dtype":"U8","shape":[2],"data_offsets":[0,2]},)"
                       R"("b":{"dtype":"U8","shape":[2],"data_offsets":[1,3]}})",
                       3),

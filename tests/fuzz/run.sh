@@ -17,7 +17,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 minutes=${1:-0}
 [ $# -eq 0 ] || shift
 seconds=${SECONDS_EACH:-$((minutes * 60))}
-targets=${*:-ply splats gltf npy npz safetensors avatar capture config transforms picture cameras drivers frames sources checkpoint experiments import_record expression_shapes flame_params lpips corrected_cameras}
+targets=${*:-ply splats bases gltf npy npz safetensors avatar capture config transforms picture cameras drivers frames sources checkpoint experiments import_record expression_shapes flame_params lpips corrected_cameras}
 build=${BUILD:-$here/../../build/fuzz}
 jobs=${JOBS:-$(nproc)}
 

@@ -17,6 +17,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
             fuzz::attempt([&] { file.columns<double>(key); });
             fuzz::attempt([&] { file.values<std::int64_t>(key, tensor.shape); });
             fuzz::attempt([&] { file.values<std::uint8_t>(key, tensor.shape); });
+            fuzz::attempt([&] { file.values<std::uint32_t>(key, tensor.shape); });
         }
         fuzz::demand(held <= size, "tensors have bytes of their own");
     });

@@ -9,6 +9,7 @@
 #include <rye/capture/lpips_weights.hpp>
 #include <rye/capture/npz.hpp>
 #include <rye/capture/safetensors.hpp>
+#include <rye/capture/splat_bases.hpp>
 #include <rye/capture/splats.hpp>
 
 #include "data/config.hpp"
@@ -148,6 +149,22 @@ void arrays() {
     fs::remove(out / "tensors");
     dictionary("safetensors", {"__metadata__", "dtype", "shape", "data_offsets", "F32", "F64", "I64",
                                "U8", "[0,0]", "4294967296", "\\u00e9", "\\ud83d\\ude00"});
+}
+
+void bases() {
+    SplatBases b;
+    b.gaussians = 3;
+    b.bases = {{"jawOpen", 0, 1}, {"gaze_left_yaw", 0, -25}};
+    b.begin = {0, 2, 3};
+    b.index = {0, 2, 1};
+    b.change = Columns<Eigen::half>::Zero(basis_numbers, 3);
+    b.eyes[0] = {1, 1, Vec3<double>(0.5, 0, 1), {1, 2}, {0, 5}};
+    b.eyes[1] = {2, 1, Vec3<double>(-0.5, 0, 1), {1, 2}, {0, -5}};
+    write_bases(out / "bases_file", b);
+    seed("bases", "two", read_file(out / "bases_file"));
+    fs::remove(out / "bases_file");
+    dictionary("bases", {"checksum", "rye-bases", "gaussians", "driver", "rest", "at", "eyes", "first",
+                         "count", "centre", "kappa", "head", "begin", "index", "change", "U32", "F16"});
 }
 
 void avatars() {
@@ -384,6 +401,7 @@ int main(int count, char** words) try {
     splats();
     arrays();
     avatars();
+    bases();
     pictures();
     texts();
     travel();

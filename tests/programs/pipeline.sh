@@ -4,6 +4,7 @@
 # Checks that results have the same bits for any number of threads and after an interruption, and
 # that bad input gives one sentence, a code other than 0, and leaves what was there.
 set -eu
+here=$(cd "$(dirname "$0")" && pwd)
 rye=$1
 corrupt=$2
 work=$3
@@ -161,6 +162,18 @@ refuses "OpenUSD, which is not read" "$rye" render head.usda --eye 0,0,-10 --tar
 refuses "is no .spz" "$rye" export --run one --spz-version 4 --out never.ply
 refuses "holds one moment" "$rye" export --run one --gaze-sweep 10,3 --out never.ply
 refuses "expected RADIUS,FRAMES" "$rye" export --run one --gaze-sweep 10,2.5 --out never.usda
+# Bases beside a splat file, read and applied without rye; sight1 has a kappa.
+if command -v node > /dev/null; then
+    for run in one sight1; do node "$here/bases.mjs" "$rye" $run; done
+else
+    echo "not run: bases of splats, for there is no node"
+fi
+refuses "ends in .safetensors" "$rye" export --run one --out never.ply --bases never.bases
+refuses "moves by itself" "$rye" export --run one --out never.avatar --bases never.safetensors
+refuses "all Gaussians of one moment" "$rye" export --run one --stream eyes --out never.ply --bases never.safetensors
+refuses "column 1 is 'no-such-name'" "$rye" export --run one --expression no-such-name=1 --out never.ply
+refuses "expected NAME=VALUE" "$rye" export --run one --expression expression_0 --out never.ply
+refuses "got 'wide', expected a number" "$rye" export --run one --expression expression_0=wide --out never.ply
 # Through the camera of a photograph, whose lens bends or does not.
 lens() {
     cat << EOF

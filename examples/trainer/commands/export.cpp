@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye export`: the Gaussians of a trained head as a file for splat viewers: PLY, .splat, SPZ, GLB
 /// or USDA, by the name's extension. These formats have no upsampler: colours are those of the
-/// low-resolution render.
+/// low-resolution render. Beside it, bases for a viewer that moves its Gaussians.
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <iostream>
 #include <memory>
@@ -21,19 +23,23 @@
 #include "commands/options.hpp"
 #include "data/deflate.hpp"
 #include "data/degrees.hpp"
+#include "data/driver_table.hpp"
 #include "data/memory_limit.hpp"
 #include "data/out_format.hpp"
 #include "data/threads.hpp"
 #include "data/zstd.hpp"
+#include "training/linear_bases.hpp"
+#include "training/playable.hpp"
 #include "training/steps.hpp"
 
 namespace rye::trainer {
 namespace {
 
 struct ExportOptions {
-    std::filesystem::path run, capture, out;
+    std::filesystem::path run, capture, out, bases;
     AvatarExportOptions avatar;
     std::string frame, stream = "both", axes = "ply";
+    std::vector<std::string> expression; ///< NAME=VALUE
     std::vector<double> left, right;  ///< pitch, yaw [deg]
     std::vector<double> sweep;        ///< radius [deg], time codes; empty: none
     bool canonical = false;
@@ -145,21 +151,66 @@ std::vector<Drivers<float>> swept(const Drivers<float>& drivers, const std::vect
     return all;
 }
 
+/// Returns the drivers with coefficients, NAME=VALUE, in their place. Throws an Error for a word
+/// of another form, an unknown name or a value that is no number.
+Drivers<float> expressed(const Drivers<float>& drivers, const std::vector<std::string>& words,
+                         const std::vector<std::string>& names) {
+    if (words.empty()) return drivers;
+    const std::string who = "--expression";
+    std::string header, values;
+    for (const std::string& word : words) {
+        const std::size_t at = word.find('=');
+        require(at != std::string::npos, who, "got '", word, "', expected NAME=VALUE");
+        header += (header.empty() ? "" : ",") + word.substr(0, at);
+        values += (values.empty() ? "" : ",") + word.substr(at + 1);
+    }
+    const DriverNames known{static_cast<int>(drivers.expression.size()), names};
+    return parse_drivers(header + "\n" + values + "\n", who, known, drivers).front();
+}
+
+/// Throws an Error for --bases with options that leave no one splat file for them.
+void check_bases_option(const ExportOptions& o) {
+    if (o.bases.empty()) return;
+    require(extension_of(o.bases) == ".safetensors", "rye export", "--bases: got the name ",
+            o.bases.string(), ", expected one that ends in .safetensors");
+    require(extension_of(o.out) != ".avatar", "rye export", "--bases: ", o.out.string(),
+            " moves by itself, expected a splat file");
+    require(o.sweep.empty() && o.stream == "both", "rye export",
+            "--bases: got --gaze-sweep or --stream, expected all Gaussians of one moment");
+}
+
+/// Writes the bases of the splat file that these drivers make, and prints their size.
+void export_bases(const ExportOptions& o, const TrainState& state, const Capture& capture,
+                  const Drivers<float>& rest, bool half_turn) {
+    const DriverRanges<float> ranges = driver_ranges(capture, state.config.gaze_axis, rest);
+    const SplatBases b =
+        linear_bases({state, rest, ranges, capture.expression_names, half_turn});
+    write_bases(o.bases, b);
+    const double share = static_cast<double>(b.index.size()) /
+                         static_cast<double>(std::max<std::size_t>(1, b.bases.size())) /
+                         static_cast<double>(b.gaussians);
+    std::printf("%s: %zu bases, each of %.1f %% of the Gaussians, %ju bytes\n", o.bases.c_str(),
+                b.bases.size(), 100 * share,
+                static_cast<std::uintmax_t>(std::filesystem::file_size(o.bases)));
+}
+
 void export_splats(const ExportOptions& o) {
     set_threads(o.threads);
+    check_bases_option(o);
     if (extension_of(o.out) == ".avatar")
         return export_avatar({o.run, o.capture, o.out, o.frame, o.avatar.camera,
                               o.avatar.full_precision});
     const SplatFileOptions options = file_options(o);
     const TrainState state = load_trained(o.run);
     Drivers<float> drivers;
-    if (o.canonical) {
+    Capture capture;
+    if (!o.canonical || !o.bases.empty() || !o.expression.empty())
+        capture = driving_capture(o.run, state, o.capture);
+    if (o.canonical)
         drivers = neutral_drivers<float>(state.config.avatar);
-    } else {
-        const Capture capture = driving_capture(o.run, state, o.capture);
-        drivers = frame_drivers(capture, frame_index(capture, o.frame),
-                                state.config.gaze_axis);
-    }
+    else
+        drivers = frame_drivers(capture, frame_index(capture, o.frame), state.config.gaze_axis);
+    drivers = expressed(drivers, o.expression, capture.expression_names);
     if (!o.left.empty()) drivers.gaze[0] = gaze_option(o.left, "--gaze-left");
     if (!o.right.empty()) drivers.gaze[1] = gaze_option(o.right, "--gaze-right");
     const Index face = state.avatar.face.position.cols();
@@ -182,7 +233,10 @@ void export_splats(const ExportOptions& o) {
     const ByteSpan content = text.empty() ? ByteSpan(bytes) : as_bytes(text);
     write_atomic(o.out, content);
     std::cout << o.out.string() << ": " << cloud.count() << " Gaussians, " << content.size()
-              << " bytes\n" << rounding(cloud, bytes, options.kind);
+              << " bytes\n" << rounding(cloud, bytes, options.kind) << std::flush;
+    if (o.bases.empty()) return;
+    const bool ply = options.kind == SplatKind::ply || options.kind == SplatKind::splat;
+    export_bases(o, state, capture, drivers, ply && o.axes == "ply");
 }
 
 } // namespace
@@ -198,6 +252,10 @@ void add_export(CLI::App& app) {
                   "Folder of a capture whose frames drive (default: the run's own)");
     c->add_option("--frame", o->frame, "Frame that drives the head (default: the first test frame)");
     c->add_flag("--canonical", o->canonical, "Neutral expression, no head pose, eyes ahead, instead");
+    c->add_option("--expression", o->expression,
+                  "Coefficients in place of the frame's: NAME=VALUE,..., by the capture's names or "
+                  "expression_0 to ...")
+        ->delimiter(',');
     c->add_option("--gaze-left", o->left, "Subject's left eye: PITCH,YAW in degrees")->delimiter(',');
     c->add_option("--gaze-right", o->right, "Subject's right eye: PITCH,YAW in degrees")->delimiter(',');
     c->add_option("--gaze-sweep", o->sweep,
@@ -216,6 +274,9 @@ void add_export(CLI::App& app) {
     c->add_option("--spz-version", o->spz_version, "NAME.spz: 3, or 4, which fewer viewers read")
         ->check(from_to(3, 4))
         ->capture_default_str();
+    c->add_option("--bases", o->bases,
+                  "File to write beside --out, NAME.safetensors: how its Gaussians change with "
+                  "each coefficient and gaze, for viewers that add such changes");
     c->add_option("--camera", o->avatar.camera,
                   "NAME.avatar: its default camera (default: the most frontal)");
     c->add_flag("--full-precision", o->avatar.full_precision,

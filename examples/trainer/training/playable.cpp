@@ -21,6 +21,18 @@ void extend(DriverRanges<float>& r, const Drivers<float>& d) {
 
 } // namespace
 
+DriverRanges<float> driver_ranges(const Capture& capture, GazeAxis axis,
+                                  const Drivers<float>& rest) {
+    DriverRanges<float> ranges;
+    ranges.expression_low = ranges.expression_high = rest.expression;
+    for (std::size_t eye = 0; eye < 2; ++eye) {
+        const auto e = static_cast<Index>(eye);
+        ranges.gaze_low.col(e) = ranges.gaze_high.col(e) = pitch_yaw(rest.gaze[eye]);
+    }
+    for (const int f : capture.train) extend(ranges, frame_drivers(capture, f, axis));
+    return ranges;
+}
+
 PlayableAvatar<float> playable_avatar(const TrainState& state, const Capture& capture, int frame,
                                       int camera) {
     require(!state.compared, "rye export",
@@ -35,12 +47,7 @@ PlayableAvatar<float> playable_avatar(const TrainState& state, const Capture& ca
     if (axis == GazeAxis::optical) p.avatar.eyes.kappa = {}; // its angles are 0
     p.expression_names = capture.expression_names;
     p.neutral = frame_drivers(capture, frame, axis);
-    p.ranges.expression_low = p.ranges.expression_high = p.neutral.expression;
-    for (std::size_t eye = 0; eye < 2; ++eye) {
-        const auto e = static_cast<Index>(eye);
-        p.ranges.gaze_low.col(e) = p.ranges.gaze_high.col(e) = pitch_yaw(p.neutral.gaze[eye]);
-    }
-    for (const int f : capture.train) extend(p.ranges, frame_drivers(capture, f, axis));
+    p.ranges = driver_ranges(capture, axis, p.neutral);
     p.camera = capture.camera(frame, camera).cast<float>();
     p.background = VecX<float>::Ones(p.config.channels);
     return p;

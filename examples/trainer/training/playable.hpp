@@ -10,6 +10,10 @@
 
 namespace rye::trainer {
 
+/// Returns the ranges of the drivers in the capture's training frames, extended by those at rest.
+DriverRanges<float> driver_ranges(const Capture& capture, GazeAxis axis,
+                                  const Drivers<float>& rest);
+
 /// Returns the avatar of a drawn state (run.hpp), with its light and driven eyes. Its neutral
 /// drivers and its camera are those of this frame and camera of the capture; the ranges are those
 /// of the capture's training frames, extended by the neutral drivers; the background is white.

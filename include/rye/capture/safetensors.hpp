@@ -30,10 +30,11 @@
 
 namespace rye {
 
-/// Supported types; named F64, F32, I64, U8 and F16 in files. F16 is IEEE's binary16, Eigen::half.
-enum class TensorType { f64, f32, i64, u8, f16 };
+/// Supported types; named F64, F32, I64, U8, F16 and U32 in files. F16 is IEEE's binary16,
+/// Eigen::half.
+enum class TensorType { f64, f32, i64, u8, f16, u32 };
 /// Number of supported types.
-inline constexpr int tensor_types = 5;
+inline constexpr int tensor_types = 6;
 
 /// Name of a type in files, and its size.
 struct TensorTypeInfo {
@@ -43,7 +44,7 @@ struct TensorTypeInfo {
 /// Returns the name and size of a type.
 constexpr TensorTypeInfo info_of(TensorType type) {
     constexpr std::array<TensorTypeInfo, tensor_types> infos{
-        {{"F64", 8}, {"F32", 4}, {"I64", 8}, {"U8", 1}, {"F16", 2}}};
+        {{"F64", 8}, {"F32", 4}, {"I64", 8}, {"U8", 1}, {"F16", 2}, {"U32", 4}}};
     return infos[static_cast<std::size_t>(type)];
 }
 
@@ -54,9 +55,10 @@ constexpr TensorType tensor_type() {
     else if constexpr (std::is_same_v<T, float>) return TensorType::f32;
     else if constexpr (std::is_same_v<T, std::int64_t>) return TensorType::i64;
     else if constexpr (std::is_same_v<T, Eigen::half>) return TensorType::f16;
+    else if constexpr (std::is_same_v<T, std::uint32_t>) return TensorType::u32;
     else {
         static_assert(std::is_same_v<T, std::uint8_t>,
-                      "tensors hold double, float, Eigen::half, int64, uint8");
+                      "tensors hold double, float, Eigen::half, int64, uint32, uint8");
         return TensorType::u8;
     }
 }
@@ -208,7 +210,7 @@ inline TensorEntry parse_tensor(const std::string& name, const JsonValue& v, Byt
             known = true;
         }
     require(known, who, "got type ", *dtype->get<std::string>(),
-            ", expected F64, F32, F16, I64 or U8");
+            ", expected F64, F32, F16, I64, U32 or U8");
     for (const JsonValue& extent : *shape->get<JsonArray>())
         t.shape.push_back(static_cast<Index>(tensor_count(extent, who)));
     const std::uint64_t size = checked_size(t.shape, info_of(t.type).size, who);
