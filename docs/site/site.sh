@@ -74,6 +74,7 @@ list() { awk -F '\t' '{ printf "- [%s](%s.html)\n", $2, $1 }' "$1"; }
 } > "$work/pages/gallery.md"
 awk -v script="$here/prices.js" -f "$here/prices.awk" docs/results/accuracy.md > "$work/pages/prices.md"
 cp docs/images/* "$out/images/"
+cp docs/gaze_dots.html "$out/"
 # Files of the project that pages link to, as text.
 [ ! -f "$work/linked.txt" ] || sort -u "$work/linked.txt" | while read -r file; do
     [ -f "$file" ] || { echo "site.sh: a page links to $file, which is no file" >&2; exit 1; }

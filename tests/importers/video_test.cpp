@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // `rye import video` of tracks whose head, camera and gazes are known, and of tracks that are wrong.
+#include <algorithm>
 #include <cstdlib>
 #include <fstream>
 #include <string>
 
 #include <doctest/doctest.h>
 
+#include <rye/core/random.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
@@ -14,6 +16,7 @@
 #include "data/validate.hpp"
 #include "importers/import_folder.hpp"
 #include "importers/video_choice.hpp"
+#include "importers/video_dots.hpp"
 #include "importers/video_gaze.hpp"
 #include "importers/video_head.hpp"
 #include "importers/video_tools.hpp"
@@ -153,6 +156,92 @@ TEST_CASE("video: gazes that the coefficients have wrong are corrected by the ir
     CHECK(head.poses[0].gaze[0] == was);
     tracks.width = 4 * tracks.width;
     CHECK_FAULT(correct_gazes(tracks, head), "is 640 x 640 pixels, expected 2560 x 640");
+}
+
+/// A video whose eyes look at dots of a screen, and the dots.
+struct DotVideo {
+    KnownVideo video;
+    std::vector<GazeDot> dots;
+    static constexpr double began = 1.3; ///< the dots' clock, with the reaction [s]
+
+    DotVideo() {
+        video.pictures = 72;
+        video.turn_deg = 12;
+        const Random r{11, 4};
+        for (int d = 0; d < 10; ++d) {
+            const auto key = static_cast<std::uint64_t>(2 * d);
+            dots.push_back({0.6 * d, 0.6 * d + 0.59,
+                            {240 * (r.uniform(key) - 0.5), -200 * r.uniform(key + 1)}});
+        }
+        video.target = [all = dots, r](int picture) {
+            const auto dot = dot_at(all, 0.1 * picture - began);
+            const auto key = static_cast<std::uint64_t>(100 + 2 * picture);
+            const Vec2<double> at = dot ? dot->right_up
+                                        : Vec2<double>(300 * (r.uniform(key) - 0.5),
+                                                       -200 * r.uniform(key + 1));
+            return Vec3<double>(-0.01 * at.x(), -0.01 * at.y(), 0); // y down
+        };
+    }
+};
+
+TEST_CASE("video: dots that were looked at give gazes, and when they began") {
+    const DotVideo known;
+    Tracks tracks = parsed(known_tracks(known.video));
+    // The tracker sees eyes turn too little, and both too far to one side.
+    for (TrackedPicture& p : tracks.pictures)
+        for (std::size_t k = 0; k < tracks.names.size(); ++k) {
+            double& x = p.coefficients[static_cast<Index>(k)];
+            if (tracks.names[k].starts_with("eyeLook")) x *= 0.6;
+            if (tracks.names[k] == "eyeLookOutLeft" || tracks.names[k] == "eyeLookInRight") x += 0.3;
+        }
+    HeadOptions options;
+    options.focal = known.video.focal;
+    VideoHead head = video_head(tracks, all_of(tracks), options);
+    const double before = mean_gaze_error(head, known.video);
+    const DotGazes said = look_at_dots(tracks, known.dots, "dots", head);
+    const double after = mean_gaze_error(head, known.video);
+    MESSAGE("before ", before, " deg, after ", after, "; begin ", said.begin, " s in ",
+            said.pictures, " pictures, correlation ", said.correlation);
+    CHECK(before > 7);
+    CHECK(after < 2);
+    CHECK(said.pictures >= 18);
+    CHECK(said.correlation > 0.6);
+    CHECK(said.begin > DotVideo::began - 0.35);
+    CHECK(said.begin < DotVideo::began + 0.05);
+    CHECK(said.off_deg > 4);
+
+    // Dots of another video.
+    std::vector<GazeDot> others = known.dots;
+    std::rotate(others.begin(), others.begin() + 5, others.end());
+    for (std::size_t i = 0; i < others.size(); ++i) {
+        others[i].begin = known.dots[i].begin, others[i].end = known.dots[i].end;
+        others[i].right_up = {-others[i].right_up.y() - 100, others[i].right_up.x()};
+    }
+    VideoHead again = video_head(tracks, all_of(tracks), options);
+    const Vec3<double> was = again.poses[0].gaze[0];
+    CHECK_FAULT(look_at_dots(tracks, others, "other.csv", again),
+                "other.csv: the gazes of the video follow these dots at no time (correlation ");
+    CHECK(again.poses[0].gaze[0] == was);
+}
+
+TEST_CASE("video: files of dots are read, and wrong ones refused by line") {
+    const std::string head = "begin_s,end_s,right_mm,up_mm\n";
+    const std::vector<GazeDot> dots = parse_gaze_dots(head + "0,1.5,-20,30\r\n1.5,3,40.5,-7\n", "d");
+    REQUIRE(dots.size() == 2);
+    CHECK(dots[1].right_up == Vec2<double>(40.5, -7));
+    CHECK(!dot_at(dots, -0.1));
+    CHECK(dot_at(dots, 1.4)->right_up.x() == -20);
+    CHECK(!dot_at(dots, 1.6, 0.3));
+    CHECK(dot_at(dots, 1.9, 0.3)->right_up.x() == 40.5);
+    CHECK(!dot_at(dots, 3));
+    CHECK_FAULT(parse_gaze_dots("a,b\n", "d"), "d: line 1: got 'a,b', expected 'begin_s,");
+    CHECK_FAULT(parse_gaze_dots(head, "d"), "d: has no dots");
+    CHECK_FAULT(parse_gaze_dots(head + "0,1,2\n", "d"), "d: line 2: got 3 fields, expected 4");
+    CHECK_FAULT(parse_gaze_dots(head + "0,1,2,nan\n", "d"), "got 'nan', expected a finite number");
+    CHECK_FAULT(parse_gaze_dots(head + "0,1,x,2\n", "d"), "got 'x', expected a finite number");
+    CHECK_FAULT(parse_gaze_dots(head + "1,1,2,3\n", "d"), "is not after its begin");
+    CHECK_FAULT(parse_gaze_dots(head + "0,2,0,0\n1,3,0,0\n", "d"), "line 3: it begins at 1 s, before");
+    CHECK_FAULT(parse_gaze_dots(head + "0,2,0,6000\n", "d"), "expected at most 5000");
 }
 
 TEST_CASE("video: a head's turn stays near its guess where that is known before") {

@@ -91,8 +91,16 @@ std::vector<KnownPicture> known_pictures(const KnownVideo& video) {
         const double pitch = 15 * degree * (2 * r.uniform(key) - 1),
                      yaw = 22 * degree * (2 * r.uniform(key + 1) - 1);
         p.look = {pitch, yaw};
+        std::array<Vec2<double>, 2> looks{p.look, p.look};
+        if (video.target)
+            for (std::size_t e = 0; e < 2; ++e)
+                looks[e] = pitch_yaw(normalized(Vec3<double>(
+                    p.head.rotation.transpose() * (video.target(i) - p.head.translation) -
+                    eye_centre(e))));
+        p.look = 0.5 * (looks[0] + looks[1]);
         for (std::size_t e = 0; e < 2; ++e)
-            p.gaze[e] = gaze_vector(pitch - 1.5 * degree, yaw + (e == 0 ? 5 : -5) * degree);
+            p.gaze[e] = gaze_vector(looks[e][0] - 1.5 * degree,
+                                    looks[e][1] + (e == 0 ? 5 : -5) * degree);
         all.push_back(p);
     }
     return all;

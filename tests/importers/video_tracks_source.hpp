@@ -5,6 +5,7 @@
 
 #include <array>
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,9 @@ struct KnownVideo {
     double focal = 700;  ///< [px]
     double noise = 0.3;  ///< of a landmark's coordinate [px]
     double turn_deg = 35;
+    /// Returns where both eyes look in a picture, before the camera [dm]; without one they look
+    /// around at random.
+    std::function<Vec3<double>(int)> target;
 };
 
 /// What is true in one picture.

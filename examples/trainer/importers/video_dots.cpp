@@ -75,6 +75,27 @@ std::optional<double> correlation_at(double begin, const Tracks& tracks,
     return dot > 0 && gaze > 0 ? both / std::sqrt(dot * gaze) : 0;
 }
 
+/// Line by which one angle follows from another in the least squares.
+class Line {
+  public:
+    void add(double x, double y) {
+        sum_ += Vec2<double>(x, y), products_ += Vec2<double>(x * x, x * y), ++count_;
+    }
+    double at(double x) const {
+        const Vec2<double> mean = sum_ / count_;
+        // Gazes that hardly differ tell no slope.
+        constexpr double least = 2 * degree;
+        const double variance = products_.x() / count_ - mean.x() * mean.x(),
+                     both = products_.y() / count_ - mean.x() * mean.y();
+        const double slope = variance > least * least ? std::clamp(both / variance, 0.0, 2.0) : 1;
+        return mean.y() + slope * (x - mean.x());
+    }
+
+  private:
+    Vec2<double> sum_ = Vec2<double>::Zero(), products_ = sum_;
+    double count_ = 0;
+};
+
 /// Finds when the dots' clock began.
 void find_begin(const Tracks& tracks, const std::vector<GazeDot>& dots, const VideoHead& head,
                 const std::string& who, DotGazes& said) {
@@ -106,7 +127,7 @@ DotGazes look_at_dots(const Tracks& tracks, const std::vector<GazeDot>& dots, co
                       VideoHead& head) {
     DotGazes said;
     find_begin(tracks, dots, head, who, said);
-    std::array<std::array<std::vector<double>, 2>, 2> off; // by eye, of pitch and yaw
+    std::array<std::array<Line, 2>, 2> by_own; // by eye, of pitch and yaw
     std::vector<bool> at_dot(head.poses.size(), false);
     double squares = 0;
     for (std::size_t i = 0; i < head.poses.size(); ++i) {
@@ -121,9 +142,10 @@ DotGazes look_at_dots(const Tracks& tracks, const std::vector<GazeDot>& dots, co
             const Vec3<double> to = at - pose.world_from_head.apply(head.eyes[e].centre);
             const Vec3<double> in_head = pose.world_from_head.rotation.transpose() * to;
             const Vec3<double> axis = usual_optical_axis(normalized(in_head), e);
-            const Vec2<double> by = pitch_yaw(axis) - pitch_yaw(pose.gaze[e]);
-            for (std::size_t k = 0; k < 2; ++k) off[e][k].push_back(by[static_cast<Index>(k)]);
-            squares += by.squaredNorm();
+            const Vec2<double> own = pitch_yaw(pose.gaze[e]), is = pitch_yaw(axis);
+            for (std::size_t k = 0; k < 2; ++k)
+                by_own[e][k].add(own[static_cast<Index>(k)], is[static_cast<Index>(k)]);
+            squares += (is - own).squaredNorm();
             pose.gaze[e] = axis;
         }
     }
@@ -131,9 +153,8 @@ DotGazes look_at_dots(const Tracks& tracks, const std::vector<GazeDot>& dots, co
     for (std::size_t i = 0; i < head.poses.size(); ++i) {
         if (at_dot[i]) continue;
         for (std::size_t e = 0; e < 2; ++e) {
-            const Vec2<double> angles = pitch_yaw(head.poses[i].gaze[e]) +
-                                        Vec2<double>(median(off[e][0]), median(off[e][1]));
-            head.poses[i].gaze[e] = gaze_vector(angles[0], angles[1]);
+            const Vec2<double> own = pitch_yaw(head.poses[i].gaze[e]);
+            head.poses[i].gaze[e] = gaze_vector(by_own[e][0].at(own[0]), by_own[e][1].at(own[1]));
         }
     }
     return said;

@@ -18,8 +18,8 @@ struct DotGazes {
 };
 
 /// Turns the eyes of poses in the first video to the dots: optical axes of average eyes whose lines
-/// of sight meet there. The camera's plane is the screen's. Gazes of other poses change by the
-/// median of these changes. Throws an Error, which begins with `who`, if gazes follow the dots at no
+/// of sight meet there. The camera's plane is the screen's. Gazes of other poses follow as those did
+/// from what they were, on a line for each angle. Throws an Error, which begins with `who`, if gazes follow the dots at no
 /// time: a correlation below 0.5 in 12 pictures or more.
 DotGazes look_at_dots(const Tracks& tracks, const std::vector<GazeDot>& dots, const std::string& who,
                       VideoHead& head);
