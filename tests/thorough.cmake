@@ -159,6 +159,9 @@ if(TARGET rye_program)
   rye_check(gaze_page gaze_page/gaze_page.sh $<TARGET_FILE:rye_program>
             ${CMAKE_CURRENT_BINARY_DIR}/gaze_page)
   set_tests_properties(gaze_page PROPERTIES RUN_SERIAL ON TIMEOUT 900 SKIP_RETURN_CODE 77)
+  rye_check(gaze_dots importers/gaze_dots.sh $<TARGET_FILE:rye_program>
+            ${PROJECT_SOURCE_DIR}/docs/gaze_dots.html ${CMAKE_CURRENT_BINARY_DIR}/gaze_dots)
+  set_tests_properties(gaze_dots PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 300)
   if(TARGET video_truth)
     rye_check(video importers/video.sh $<TARGET_FILE:rye_program> $<TARGET_FILE:video_truth>
               ${CMAKE_CURRENT_BINARY_DIR}/video)
