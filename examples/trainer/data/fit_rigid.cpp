@@ -7,8 +7,14 @@
 namespace rye::trainer {
 
 Rigid<double> fit_rigid(const Columns<double>& from, const Columns<double>& to) {
-    const Vec3<double> a = from.rowwise().mean(), b = to.rowwise().mean();
-    const Mat3<double> spread = (to.colwise() - b) * (from.colwise() - a).transpose();
+    return fit_rigid(from, to, VecX<double>::Ones(from.cols()));
+}
+
+Rigid<double> fit_rigid(const Columns<double>& from, const Columns<double>& to,
+                        const VecX<double>& weights) {
+    const Vec3<double> a = from * weights / weights.sum(), b = to * weights / weights.sum();
+    const Mat3<double> spread =
+        (to.colwise() - b) * weights.asDiagonal() * (from.colwise() - a).transpose();
     const Eigen::JacobiSVD<Eigen::Matrix3d> svd(spread, Eigen::ComputeFullU | Eigen::ComputeFullV);
     Mat3<double> u = svd.matrixU();
     const Mat3<double> v = svd.matrixV();
