@@ -161,7 +161,7 @@ template <class Numbers>
 std::string numbers_text(const Numbers& numbers, int count) {
     std::string text = "[";
     for (int k = 0; k < count; ++k)
-        text += (k == 0 ? "" : ",") + number_text(numbers[static_cast<std::size_t>(k)]);
+        text += (k == 0 ? "" : ",") + number_text(numbers.data()[k]);
     return text + "]";
 }
 
