@@ -64,7 +64,8 @@ inline void check_bases(const std::string& who, const SplatBases& b) {
         require(std::isfinite(x), who, field, ": got ", number_text(x),
                 ", expected a finite number");
     };
-    require(b.gaussians >= 0 && std::cmp_less_equal(b.gaussians, std::numeric_limits<std::uint32_t>::max()), who,
+    constexpr std::uint32_t most = std::numeric_limits<std::uint32_t>::max();
+    require(b.gaussians >= 0 && std::cmp_less_equal(b.gaussians, most), who,
             "'gaussians': got ", b.gaussians, ", expected 0 to 4294967295");
     std::set<std::pair<std::string, bool>> sides;
     for (std::size_t k = 0; k < b.bases.size(); ++k) {
