@@ -73,6 +73,11 @@ class Corrector {
         return c_.frames[static_cast<std::size_t>(c_.train[i])];
     }
     std::size_t count() const { return c_.train.size(); }
+    Subject subject_of_capture() const {
+        TrainConfig config = config_;
+        config.avatar.expression = c_.expression_width();
+        return describe_subject(c_, config);
+    }
 
     /// Corrects the expressions by the face model's shapes, and returns the frames' motions.
     std::vector<RigidMotion> expressions() {
@@ -152,9 +157,7 @@ class Corrector {
                                         " training frames");
             return;
         }
-        TrainConfig config = config_;
-        config.avatar.expression = c_.expression_width();
-        const Vec3<double> head = describe_subject(c_, config).head_centre;
+        const Vec3<double> head = subject_of_capture().head_centre;
         const SkinPoses found = skin_poses(c_, c_.train, head);
         if (found.moved.empty()) return;
         std::vector<double> turn, shift;
@@ -370,9 +373,7 @@ class Corrector {
     /// Gives all frames eyeballs, which the capture did not measure. Returns false if the pictures
     /// do not tell of them.
     bool place_eyeballs() {
-        TrainConfig config = config_;
-        config.avatar.expression = c_.expression_width();
-        const Subject subject = describe_subject(c_, config);
+        const Subject subject = subject_of_capture();
         std::array<EyeballInHead, 2> assumed;
         for (std::size_t e = 0; e < 2; ++e)
             assumed[e] = {subject.eye_centre[e], subject.eye_radius[e], subject.limbus_radius[e],
