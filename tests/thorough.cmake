@@ -33,6 +33,9 @@ if(TARGET test_importers)
   add_executable(video_truth importers/video_truth.cpp)
   target_link_libraries(video_truth PRIVATE rye_trainer)
   target_precompile_headers(video_truth REUSE_FROM rye_precompiled)
+  add_executable(video_views importers/video_views.cpp)
+  target_link_libraries(video_views PRIVATE rye_trainer)
+  target_precompile_headers(video_views REUSE_FROM rye_precompiled)
 endif()
 
 # The gaze estimator on the photographs of a capture, for docs/results/evaluation.md.

@@ -29,16 +29,33 @@ VecX<double> expression_at(double seconds, const std::vector<std::string>& names
     return (1 - smooth) * drawn(i) + smooth * drawn(i + 1);
 }
 
+/// Share of its motion that the head has at a time [s]: it begins at rest, stays nearly still for a
+/// time, and then begins to move.
+double motion_at(double seconds, double still_until) {
+    constexpr double still = 0.15, seconds_of_change = 2;
+    const double begin = std::min(1.0, seconds);
+    const double since = std::clamp((seconds - still_until) / seconds_of_change, 0.0, 1.0);
+    return begin * std::lerp(still, 1.0, since);
+}
+
 Vec<double, 6> pose_at(double seconds, const VideoSettings& v) {
     const auto wave = [&](double period, double phase) {
         return std::sin(2 * std::numbers::pi * (seconds / period + phase));
     };
-    const double begin = std::min(1.0, seconds); // it begins at rest
     Vec<double, 6> pose;
     pose << v.nod_deg * degree * wave(5.2, 0.1), v.turn_deg * degree * wave(8, 0),
         v.tilt_deg * degree * wave(3.7, 0.3), 0.12 * wave(6.1, 0), 0.08 * wave(4.3, 0.2),
         0.25 * wave(7.3, 0.4);
-    return begin * pose;
+    return pose;
+}
+
+/// Returns until when the head is nearly still [s]: for a third of the dots' time; without any, not
+/// at all.
+double end_of_stillness(const VideoSettings& v) {
+    std::vector<double> with_dot;
+    for (int i = 0; v.dot && i < v.frames; ++i)
+        if (v.dot(static_cast<double>(i) / v.rate)) with_dot.push_back(static_cast<double>(i) / v.rate);
+    return with_dot.empty() ? -1e3 : std::lerp(with_dot.front(), with_dot.back(), 1.0 / 3);
 }
 
 } // namespace
@@ -68,11 +85,12 @@ CaptureScene video_scene(const HeadModel& model, const CaptureSettings& settings
                                {0, 1, 0}, 1.0, {one.size, one.size});
     c.camera.fx = c.camera.fy = v.focal * one.size;
     const Random random{one.seed, 109};
+    const double still_until = end_of_stillness(v);
     for (int i = 0; i < v.frames; ++i) {
         SceneFrame& f = scene.frames[static_cast<std::size_t>(i)];
         const double seconds = static_cast<double>(i) / v.rate;
         f.kind = i % 5 == 4 ? FrameKind::novel : FrameKind::train;
-        f.pose = pose_at(seconds, v);
+        f.pose = motion_at(seconds, still_until) * pose_at(seconds, v);
         f.state.expression = expression_at(seconds, model.expression_names, random.fork(1));
         f.state.world_from_head = {so3_exp(Vec3<double>(f.pose.head<3>())), f.pose.tail<3>()};
         const int look = static_cast<int>(seconds / seconds_of_fixation);

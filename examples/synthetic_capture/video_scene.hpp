@@ -23,7 +23,8 @@ struct VideoSettings {
 };
 
 /// Returns the scene of a video: one camera, and frames whose pose and expression move smoothly;
-/// the eyes jump from one fixation to the next, twice a second. Every fifth frame is a test frame.
+/// the eyes jump from one fixation to the next, twice a second, or look at dots, in whose first third
+/// the head is nearly still. Every fifth frame is a test frame.
 /// Throws an Error for settings out of their bounds.
 CaptureScene video_scene(const HeadModel& model, const CaptureSettings& settings,
                          const VideoSettings& video);

@@ -98,6 +98,12 @@ std::vector<KnownPicture> known_pictures(const KnownVideo& video) {
                     p.head.rotation.transpose() * (video.target(i) - p.head.translation) -
                     eye_centre(e))));
         p.look = 0.5 * (looks[0] + looks[1]);
+        if (!video.target) { // lines of sight meet at 8 dm
+            const Vec3<double> between = 0.5 * (eye_centre(0) + eye_centre(1));
+            for (std::size_t e = 0; e < 2; ++e)
+                looks[e] = pitch_yaw(normalized(Vec3<double>(
+                    between + 8 * gaze_vector(pitch, yaw) - eye_centre(e))));
+        }
         for (std::size_t e = 0; e < 2; ++e)
             p.gaze[e] = gaze_vector(looks[e][0] - 1.5 * degree,
                                     looks[e][1] + (e == 0 ? 5 : -5) * degree);
@@ -135,7 +141,11 @@ std::vector<std::string> known_tracks(const KnownVideo& video) {
         for (Index c = 0; c < 3; ++c)
             for (Index row = 0; row < 4; ++row) matrix.push_back(row < 3 ? rotation(row, c) : 0.0);
         for (Index row = 0; row < 4; ++row) matrix.push_back(row < 3 ? shift[row] : 1.0);
-        const Vec2<double> look = k.look / (30 * degree), moved = expression_of(i);
+        // The tracker takes eyes to look towards the camera.
+        const Vec3<double> to_camera = -(k.head.rotation.transpose() * k.head.translation);
+        const double drawn = k.look[1] + 0.2 * pitch_yaw(normalized(to_camera))[1];
+        const Vec2<double> look(k.look[0] / (30 * degree), drawn / (27 * degree));
+        const Vec2<double> moved = expression_of(i);
         const auto part = [](double value) { return std::min(1.0, std::max(0.0, value)); };
         const Json line = {
             {"picture", "frames/" + std::to_string(i) + ".png"},

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <exception>
-#include <map>
 #include <vector>
 
 #include <Eigen/SVD>
@@ -23,6 +22,7 @@
 #include "data/json.hpp"
 #include "data/median.hpp"
 #include "importers/face_geometry.hpp"
+#include "video_pairs.hpp"
 
 namespace {
 
@@ -31,42 +31,17 @@ using namespace rye::trainer;
 
 constexpr double mm_per_unit = 100;
 
-struct Pair {
-    int truth, got;
-};
-
-std::vector<Pair> pairs_of(const Capture& truth, const Capture& got) {
-    std::map<std::string, int> by_id;
-    for (int f = 0; f < truth.frame_count(); ++f)
-        by_id[truth.frames[static_cast<std::size_t>(f)].id] = f;
-    std::vector<Pair> pairs;
-    for (int f = 0; f < got.frame_count(); ++f)
-        if (const auto at = by_id.find(got.frames[static_cast<std::size_t>(f)].id); at != by_id.end())
-            pairs.push_back({at->second, f});
-    require(pairs.size() >= 3, got.folder.string(), "has ", pairs.size(), " frames of ",
-            truth.folder.string(), ", expected 3 or more");
-    return pairs;
-}
-
-/// The head before the camera.
-Rigid<double> head_in_camera(const Capture& c, int f) {
-    const CaptureFrame& frame = c.frames[static_cast<std::size_t>(f)];
-    const Rigid<double> head{so3_exp(Vec3<double>(frame.pose.head<3>())), frame.pose.tail<3>()};
-    const Rigid<double>& camera = c.camera(f, 0).camera_from_world;
-    return {camera.rotation * head.rotation, camera.apply(head.translation)};
-}
-
 /// The axis of an eye before the camera.
 Vec3<double> gaze_in_camera(const Capture& c, int f, std::size_t eye) {
     return head_in_camera(c, f).rotation * c.frames[static_cast<std::size_t>(f)].eyes[eye].optical;
 }
 
-void compare_poses(const Capture& truth, const Capture& got, const std::vector<Pair>& pairs) {
+void compare_poses(const Capture& truth, const Capture& got, const std::vector<VideoPair>& pairs) {
     Mat3<double> sum = Mat3<double>::Zero();
     const auto count = static_cast<Index>(pairs.size());
     Columns<double> from(3, count), to(3, count);
     for (Index i = 0; i < count; ++i) {
-        const Pair p = pairs[static_cast<std::size_t>(i)];
+        const VideoPair p = pairs[static_cast<std::size_t>(i)];
         const Rigid<double> a = head_in_camera(truth, p.truth), b = head_in_camera(got, p.got);
         sum += b.rotation.transpose() * a.rotation;
         const auto middle = [&](const Capture& c, int f) {
@@ -80,7 +55,7 @@ void compare_poses(const Capture& truth, const Capture& got, const std::vector<P
     const Eigen::JacobiSVD<Eigen::Matrix3d> svd(sum, Eigen::ComputeFullU | Eigen::ComputeFullV);
     const Mat3<double> frame = svd.matrixU() * svd.matrixV().transpose();
     double mean = 0, most = 0;
-    for (const Pair& p : pairs) {
+    for (const VideoPair& p : pairs) {
         const double off = degrees * so3_log(Mat3<double>(head_in_camera(truth, p.truth).rotation.transpose() *
                                                           head_in_camera(got, p.got).rotation * frame)).norm();
         mean += off / static_cast<double>(pairs.size());
@@ -99,12 +74,12 @@ void compare_poses(const Capture& truth, const Capture& got, const std::vector<P
     std::printf("distance       %+.1f %%\n", 100 * (from.row(2).mean() / to.row(2).mean() - 1));
 }
 
-void compare_gazes(const Capture& truth, const Capture& got, const std::vector<Pair>& pairs) {
+void compare_gazes(const Capture& truth, const Capture& got, const std::vector<VideoPair>& pairs) {
     for (std::size_t e = 0; e < 2; ++e) {
         std::vector<double> all;
         double mean = 0;
         Vec2<double> bias = Vec2<double>::Zero();
-        for (const Pair& p : pairs) {
+        for (const VideoPair& p : pairs) {
             const Vec3<double> a = gaze_in_camera(truth, p.truth, e), b = gaze_in_camera(got, p.got, e);
             all.push_back(degrees * angular_error(a, b));
             mean += all.back() / static_cast<double>(pairs.size());
@@ -118,10 +93,10 @@ void compare_gazes(const Capture& truth, const Capture& got, const std::vector<P
     }
 }
 
-void compare_masks(Capture& truth, Capture& got, const std::vector<Pair>& pairs,
+void compare_masks(Capture& truth, Capture& got, const std::vector<VideoPair>& pairs,
                    const std::array<double, 3>& square) {
     double both = 0, either = 0, eyes_both = 0, eyes_either = 0;
-    for (const Pair& p : pairs) {
+    for (const VideoPair& p : pairs) {
         const Image<float> mask = got.mask(p.got, 0), right = truth.mask(p.truth, 0);
         const Image<float> visible = got.visible(p.got, 0);
         const Image<float> eyes = got.eye_mask(p.got, 0), right_eyes = truth.eye_mask(p.truth, 0);
@@ -146,10 +121,10 @@ void compare_masks(Capture& truth, Capture& got, const std::vector<Pair>& pairs,
                 both / std::max(either, 1.0), eyes_both / std::max(eyes_either, 1.0));
 }
 
-void write_true_gazes(const Capture& truth, const Capture& got, const std::vector<Pair>& pairs,
+void write_true_gazes(const Capture& truth, const Capture& got, const std::vector<VideoPair>& pairs,
                       const char* out) {
     std::vector<LabelChange> changes;
-    for (const Pair& p : pairs) {
+    for (const VideoPair& p : pairs) {
         if (std::find(got.test.begin(), got.test.end(), p.got) == got.test.end()) continue;
         LabelChange change;
         change.frame = got.frames[static_cast<std::size_t>(p.got)].id;
@@ -170,7 +145,7 @@ int run(const char* truth_folder, const char* got_folder, const char* out) {
     require(json.contains("video"), got_folder, "is no capture of `rye import video`");
     const double focal = json.at("video").at("focal").get<double>();
     const auto square = json.at("video").at("square").get<std::array<double, 3>>();
-    const std::vector<Pair> pairs = pairs_of(truth, got);
+    const std::vector<VideoPair> pairs = pairs_of(truth, got);
     std::printf("frames         %zu\n", pairs.size());
     std::printf("focal length   %+.1f %%\n", 100 * (focal / truth.camera(pairs[0].truth, 0).fx - 1));
     compare_poses(truth, got, pairs);

@@ -38,7 +38,14 @@ refuses "none.mp4: no such file" "$rye" avatar none.mp4 --out a.avatar
 refuses "ends in .avatar" "$rye" avatar tracks --out a.ply
 : > none.mp4
 refuses "apt-get install nodejs" env PATH=/nowhere "$rye" avatar none.mp4 --out a.avatar
+refuses "none.csv" "$rye" avatar tracks --dots none.csv --out a.avatar
 [ ! -e a.avatar.work ] || fail "a folder of work is there of what could not begin"
+# Dots that nobody looked at: the import says so.
+echo begin_s,end_s,right_mm,up_mm > dots.csv
+for i in 0 1 2 3 4 5 6 7 8 9; do
+    echo "$i,$i.9,$((i * 7 % 5 * 60 - 120)),$((i * 3 % 4 * 40 - 60))" >> dots.csv
+done
+refuses "follow these dots at no time" "$rye" avatar tracks --dots dots.csv --quiet --out looked.avatar
 
 # Whole, and stopped in the training.
 avatar whole.avatar > whole.txt

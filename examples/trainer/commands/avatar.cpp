@@ -21,6 +21,7 @@
 #include "commands/progress.hpp"
 #include "commands/video_options.hpp"
 #include "data/folder_lock.hpp"
+#include "data/gaze_dots.hpp"
 #include "data/json.hpp"
 #include "data/system.hpp"
 #include "data/validate.hpp"
@@ -138,6 +139,7 @@ Json job_of(const AvatarOptions& o, const std::string& preset) {
             {"frames", o.video.frames},
             {"focal", o.video.focal},
             {"iris_mm", o.video.iris_mm},
+            {"dots", o.video.dots.empty() ? "" : fs::weakly_canonical(o.video.dots).string()},
             {"preset", preset},
             {"config", o.config.empty() ? "" : fs::weakly_canonical(o.config).string()}};
 }
@@ -145,6 +147,7 @@ Json job_of(const AvatarOptions& o, const std::string& preset) {
 /// Throws an Error, before anything is written, for files that are not there and for tools that
 /// are missing.
 void check_sources(const VideoImport& v) {
+    if (!v.dots.empty()) static_cast<void>(read_gaze_dots(v.dots));
     bool tracked = true;
     for (const fs::path& file : v.files) {
         require(fs::exists(file), file.string(), "no such file or folder");
@@ -171,6 +174,7 @@ std::vector<Step> steps_of(const AvatarOptions& o, const std::string& preset) {
              {"--frames", std::to_string(o.video.frames)},
              {"--focal", o.video.focal > 0 ? number(o.video.focal) : ""},
              {"--iris-mm", number(o.video.iris_mm)},
+             {"--dots", o.video.dots.string()},
              {"--modules", o.video.modules.string()},
              {"--landmarker", o.video.landmarker.string()},
              {"--tracker", o.video.tracker.string()},

@@ -25,6 +25,8 @@ inline constexpr std::array<std::array<int, 16>, 2> face_lids{
     {{362, 398, 384, 385, 386, 387, 388, 466, 263, 249, 390, 373, 374, 380, 381, 382},
      {33, 246, 161, 160, 159, 158, 157, 173, 133, 155, 154, 153, 145, 144, 163, 7}}};
 
+/// The chin among iBUG's landmarks.
+inline constexpr std::size_t ibug_chin = 8;
 /// The middle of an iris; four places on its rim follow, the opposite ones two apart.
 inline constexpr std::array<int, 2> face_iris{473, 468};
 

@@ -111,21 +111,23 @@ Bytes shapes_file(const VideoHead& head) {
     return npz_bytes({{"landmarks", array(landmarks, 68)}, {"vertices", array(vertices, skin_landmarks)}});
 }
 
-std::string words_of(const VideoGazes& gazes, const DotGazes& dots, std::size_t poses) {
+std::string words_of(const VideoGazes& gazes, const std::optional<DotClock>& clock, const DotGazes& dots,
+                     std::size_t poses) {
     std::string words = "gaze from the tracker's coefficients (eyeLook*)";
     if (gazes.up_deg != 0)
         words += " and " + std::to_string(gazes.seen) + " irises in " + std::to_string(2 * poses) +
                  " pictures of eyes, which look " + factor_text(gazes.up_deg) + " degrees further up";
-    if (dots.pictures > 0)
+    if (clock)
         words += "; in " + std::to_string(dots.pictures) + " pictures from the dots, which begin " +
-                 factor_text(dots.begin) + " s into the video (correlation " +
-                 factor_text(dots.correlation) + ") and change a gaze's angles by " +
+                 factor_text(clock->begin) + " s into the video (correlation " +
+                 factor_text(clock->correlation) + ") and change a gaze's angles by " +
                  factor_text(dots.off_deg) + " degrees";
     return words + "; eyeballs of average eyes behind the lids, fixed in the head";
 }
 
 void summarize(const Tracks& tracks, const VideoChoice& choice, const VideoHead& head,
-               const VideoGazes& gazes, const DotGazes& dots, int left_out, const ImportOptions& o,
+               const VideoGazes& gazes, const std::optional<DotClock>& clock, const DotGazes& dots,
+               int left_out, const ImportOptions& o,
                ImportSummary& s) {
     const auto percent = [](double x) { return factor_text(100 * x) + " %"; };
     s.found = {std::to_string(tracks.pictures.size()) + " tracked pictures of " +
@@ -140,7 +142,7 @@ void summarize(const Tracks& tracks, const VideoChoice& choice, const VideoHead&
             " landmarks by bundle adjustment, whose errors are " + factor_text(head.landmark_error) +
             " px in the middle",
         "scale by an iris of " + factor_text(o.video.iris_mm) + " mm (--iris-mm)",
-        words_of(gazes, dots, head.poses.size()),
+        words_of(gazes, clock, dots, head.poses.size()),
         "eye masks from the tracked lids; masks from the tracker's segmentation, without the neck"};
     s.missing = {"what one camera did not see", "angle kappa between optical and visual axis"};
     const auto add = [&](int count, const char* what) {
@@ -150,6 +152,7 @@ void summarize(const Tracks& tracks, const VideoChoice& choice, const VideoHead&
     add(choice.with_several, "several faces");
     add(choice.at_border, "the face is cut off");
     add(choice.blurred, "blurred");
+    add(choice.unwanted, "the eyes are between dots, or head and expression are as in one with a dot");
     add(left_out, "landmarks or gaze in doubt");
     add(choice.spare, "like others that are taken (--frames)");
 }
@@ -158,14 +161,20 @@ void summarize(const Tracks& tracks, const VideoChoice& choice, const VideoHead&
 
 ImportSummary import_video(const ImportOptions& o) {
     const Json job = job_of(o);
-    const std::vector<GazeDot> dots =
-        o.video.dots.empty() ? std::vector<GazeDot>{} : read_gaze_dots(o.video.dots);
+    std::vector<GazeDot> dots;
+    if (!o.video.dots.empty()) dots = read_gaze_dots(o.video.dots);
     const Tracks tracks = read_tracks(tracked(o));
-    const VideoChoice choice = choose_pictures(tracks, o.video.frames);
+    std::optional<DotClock> clock;
+    if (!dots.empty()) clock = find_dots(tracks, std::move(dots), o.video.dots.string());
+    const VideoChoice choice =
+        choose_pictures(tracks, o.video.frames, [&](const TrackedPicture& p) {
+            if (!clock || clock->looked_at(p)) return Wanted::preferred;
+            // Between two dots nobody knows where the eyes are.
+            return clock->has(p) ? Wanted::no : Wanted::otherwise;
+        });
     VideoHead head = video_head(tracks, choice.pictures, {o.video.focal, o.video.iris_mm});
     const VideoGazes gazes = correct_gazes(tracks, head);
-    const DotGazes looks =
-        dots.empty() ? DotGazes{} : look_at_dots(tracks, dots, o.video.dots.string(), head);
+    const DotGazes looks = clock ? look_at_dots(tracks, *clock, head) : DotGazes{};
     std::vector<double> residuals;
     for (const VideoPose& pose : head.poses) residuals.push_back(pose.residual);
     const double most = doubtful * median(residuals);
@@ -201,7 +210,7 @@ ImportSummary import_video(const ImportOptions& o) {
     for (const int i : head.drivers) names.push_back(tracks.names[static_cast<std::size_t>(i)]);
     const Bytes shapes = shapes_file(head);
     folder.write_file("expression_shapes.npz", std::string(as_text(shapes)));
-    summarize(tracks, choice, head, gazes, looks, left_out, o, summary);
+    summarize(tracks, choice, head, gazes, clock, looks, left_out, o, summary);
     folder.finish({{"subject", o.video.files.front().stem().string()},
                    {"image_size", {square.size, square.size}},
                    {"train_frames", train},
@@ -214,7 +223,7 @@ ImportSummary import_video(const ImportOptions& o) {
                    {"conventions",
                     {{"image", "photographs; multiplied by the mask when read"},
                      {"world", "x the subject's left, y up, z towards the camera; 1 dm"},
-                     {"gaze", dots.empty() ? "optical axes from the tracker's coefficients and irises, head frame"
+                     {"gaze", !clock ? "optical axes from the tracker's coefficients and irises, head frame"
                                   : "optical axes to dots, else from the tracker's coefficients and "
                                     "irises, head frame"}}}},
                   summary);

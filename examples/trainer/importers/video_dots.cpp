@@ -21,39 +21,46 @@ constexpr double least_correlation = 0.5;
 /// Time after which the eyes rest on a dot: jumps take this long, and so do people differ [s].
 constexpr double settled = 0.3;
 
-double time_of(const Tracks& tracks, const VideoPose& pose) {
-    return tracks.pictures[static_cast<std::size_t>(pose.picture)].time;
-}
-bool is_first(const Tracks& tracks, const VideoPose& pose) {
-    return tracks.pictures[static_cast<std::size_t>(pose.picture)].video == 0;
-}
-
-/// Returns a dot's place in the world, whose axes are the camera's: x is to the person's left.
-Vec3<double> place_of(const GazeDot& dot, const Pinhole<double>& camera) {
+/// Returns a dot's place before a camera with x right, y up and z back [dm].
+Vec3<double> place_of(const GazeDot& dot) {
     constexpr double units_per_mm = 0.01;
+    return units_per_mm * Vec3<double>(-dot.right_up.x(), dot.right_up.y(), 0);
+}
+
+/// The same in the world.
+Vec3<double> place_of(const GazeDot& dot, const Pinhole<double>& camera) {
     const Mat3<double> axes = Vec3<double>(1, -1, -1).asDiagonal(); // of the camera: y down, z forward
-    const Vec3<double> in_camera =
-        axes * (units_per_mm * Vec3<double>(-dot.right_up.x(), dot.right_up.y(), 0));
-    return camera.centre() + camera.camera_from_world.rotation.transpose() * in_camera;
+    return camera.centre() +
+           camera.camera_from_world.rotation.transpose() * Vec3<double>(axes * place_of(dot));
 }
 
-Vec3<double> between_eyes(const VideoHead& head, const VideoPose& pose) {
-    return pose.world_from_head.apply(Vec3<double>(0.5 * (head.eyes[0].centre + head.eyes[1].centre)));
+/// A picture of the first video: where its eyes look before the camera by the tracker alone, and where
+/// they are.
+struct TrackedLook {
+    double time = 0;
+    Vec3<double> eyes, gaze;
+};
+
+std::vector<TrackedLook> tracked_looks(const Tracks& tracks) {
+    const Vec3<double> eyes_in_face(0, 0.3, 0.4); // middle of the eyeballs of the canonical face [dm]
+    std::vector<TrackedLook> all;
+    for (const TrackedPicture& p : tracks.pictures)
+        if (p.video == 0 && p.faces == 1)
+            all.push_back({p.time, p.head.apply(eyes_in_face),
+                           p.head.turn(direction_of(tracked_look(tracks.names, p)))});
+    return all;
 }
 
-/// Returns the correlation of directions to the dots with the gazes, (pitch, yaw) in the world, if
-/// the dots' clock begins at this time; nothing if too few pictures show a dot.
-std::optional<double> correlation_at(double begin, const Tracks& tracks,
-                                     const std::vector<GazeDot>& dots, const VideoHead& head) {
+/// Returns the correlation of directions to the dots with the gazes, (pitch, yaw) before the camera,
+/// if the dots' clock begins at this time; nothing if too few pictures show a dot.
+std::optional<double> correlation_at(double begin, const std::vector<TrackedLook>& looks,
+                                     const std::vector<GazeDot>& dots) {
     std::array<std::vector<double>, 4> x; // pitch and yaw to the dot, then of the gaze
-    for (const VideoPose& pose : head.poses) {
-        if (!is_first(tracks, pose)) continue;
-        const auto dot = dot_at(dots, time_of(tracks, pose) - begin, settled);
+    for (const TrackedLook& look : looks) {
+        const auto dot = dot_at(dots, look.time - begin, settled);
         if (!dot) continue;
-        const Vec3<double> to = place_of(*dot, head.camera) - between_eyes(head, pose);
-        // The axes of both eyes together have no kappa aside.
-        const Vec3<double> looks = pose.world_from_head.rotation * (pose.gaze[0] + pose.gaze[1]);
-        const Vec2<double> a = pitch_yaw(normalized(to)), b = pitch_yaw(normalized(looks));
+        const Vec2<double> a = pitch_yaw(normalized(Vec3<double>(place_of(*dot) - look.eyes))),
+                           b = pitch_yaw(look.gaze);
         for (std::size_t k = 0; k < 2; ++k) {
             x[k].push_back(a[static_cast<Index>(k)]);
             x[2 + k].push_back(b[static_cast<Index>(k)]);
@@ -96,19 +103,29 @@ class Line {
     double count_ = 0;
 };
 
-/// Finds when the dots' clock began.
-void find_begin(const Tracks& tracks, const std::vector<GazeDot>& dots, const VideoHead& head,
-                const std::string& who, DotGazes& said) {
+} // namespace
+
+bool DotClock::has(const TrackedPicture& p) const {
+    return p.video == 0 && p.time >= begin + dots.front().begin && p.time <= begin + dots.back().end;
+}
+
+std::optional<GazeDot> DotClock::looked_at(const TrackedPicture& p) const {
+    return p.video == 0 ? dot_at(dots, p.time - begin, settled) : std::nullopt;
+}
+
+DotClock find_dots(const Tracks& tracks, std::vector<GazeDot> dots, const std::string& who) {
+    DotClock said{std::move(dots)};
+    const std::vector<TrackedLook> looks = tracked_looks(tracks);
     double first = 1e9, last = -1e9;
-    for (const VideoPose& pose : head.poses)
-        if (is_first(tracks, pose)) {
-            first = std::min(first, time_of(tracks, pose));
-            last = std::max(last, time_of(tracks, pose));
-        }
+    for (const TrackedLook& look : looks) {
+        first = std::min(first, look.time);
+        last = std::max(last, look.time);
+    }
     constexpr double step = 0.02;
     std::vector<double> best; // times of the same pictures have the same correlation
-    for (double begin = first - dots.back().end; begin <= last - dots.front().begin; begin += step) {
-        const auto found = correlation_at(begin, tracks, dots, head);
+    for (double begin = first - said.dots.back().end; begin <= last - said.dots.front().begin;
+         begin += step) {
+        const auto found = correlation_at(begin, looks, said.dots);
         if (!found || *found < said.correlation) continue;
         if (*found > said.correlation) best.clear();
         said.correlation = *found;
@@ -119,21 +136,17 @@ void find_begin(const Tracks& tracks, const std::vector<GazeDot>& dots, const Vi
             least_correlation, " or more): the dots are of this video, and their screen is beside "
             "its camera?");
     said.begin = median(best);
+    return said;
 }
 
-} // namespace
-
-DotGazes look_at_dots(const Tracks& tracks, const std::vector<GazeDot>& dots, const std::string& who,
-                      VideoHead& head) {
+DotGazes look_at_dots(const Tracks& tracks, const DotClock& clock, VideoHead& head) {
     DotGazes said;
-    find_begin(tracks, dots, head, who, said);
     std::array<std::array<Line, 2>, 2> by_own; // by eye, of pitch and yaw
     std::vector<bool> at_dot(head.poses.size(), false);
     double squares = 0;
     for (std::size_t i = 0; i < head.poses.size(); ++i) {
         VideoPose& pose = head.poses[i];
-        if (!is_first(tracks, pose)) continue;
-        const auto dot = dot_at(dots, time_of(tracks, pose) - said.begin, settled);
+        const auto dot = clock.looked_at(tracks.pictures[static_cast<std::size_t>(pose.picture)]);
         if (!dot) continue;
         at_dot[i] = true;
         ++said.pictures;

@@ -23,9 +23,13 @@ constexpr double likely_focal = 1.0;
 constexpr double focal_deviation = 0.1, focal_sigma = 0.01;
 /// Of the tracker's turn of a head: landmarks alone give worse ones.
 constexpr double turn_sigma_deg = 1;
-/// Turn of an eye by a coefficient of 1 (eyeLookInLeft), and typical angles between optical and visual
-/// axis of a left eye, (yaw, pitch) [deg].
-constexpr double look_deg = 30;
+/// Turns of an eye by a coefficient of 1, aside (eyeLookInLeft) and up (eyeLookUpLeft) [deg], and the
+/// share of the camera's direction, seen from the head, by which the tracker takes eyes to look at it.
+/// Of five rendered heads that turn by 40 degrees.
+constexpr double look_aside_deg = 27, look_up_deg = 30, drawn_to_camera = 0.2;
+/// Distance at which eyes that look around converge [dm].
+constexpr double usual_distance = 8;
+/// Typical angles between optical and visual axis of a left eye, (yaw, pitch) [deg].
 const Vec2<double> usual_kappa_deg(5, -1.5);
 /// Middle of the eyeballs in the head frame; the origin is then near the middle of the head.
 const Vec3<double> eyes_in_head(0, 0.35, 0.8);
@@ -59,19 +63,11 @@ class Drivers {
         VecX<double> all(n + 2); // lids follow the gaze
         for (Index i = 0; i < n; ++i)
             all[i] = p.coefficients[expressions_[static_cast<std::size_t>(i)]];
-        all.tail<2>() = 0.5 * (look(p, "Left", 1) + look(p, "Right", -1));
+        all.tail<2>() = tracked_look(names_, p);
         return all;
     }
 
   private:
-    double value(const TrackedPicture& p, const std::string& name) const {
-        const auto at = std::find(names_.begin(), names_.end(), name);
-        return at == names_.end() ? 0 : p.coefficients[at - names_.begin()];
-    }
-    Vec2<double> look(const TrackedPicture& p, const std::string& side, double out) const {
-        return {out * (value(p, "eyeLookOut" + side) - value(p, "eyeLookIn" + side)),
-                value(p, "eyeLookUp" + side) - value(p, "eyeLookDown" + side)};
-    }
     const std::vector<std::string>& names_;
     std::vector<int> expressions_;
 };
@@ -152,15 +148,34 @@ double iris_pixels(const TrackedPicture& p, std::size_t eye) {
     return std::sqrt(0.5 * (sum + std::sqrt(std::max(0.0, sum * sum - 4 * area * area))));
 }
 
-/// Returns the optical axis of an eye for the direction (yaw, pitch) of both that the tracker's
-/// coefficients say. Its irises are a worse measure: they follow the lids more than the eye.
-/// video_gaze.hpp corrects it.
-Vec3<double> gaze_of(const Vec2<double>& look, std::size_t eye) {
-    return usual_optical_axis(gaze_vector(degree * look_deg * look.y(), degree * look_deg * look.x()),
-                              eye);
+/// Returns the optical axes of a look. Irises are a worse measure: they follow the lids more than the
+/// eye. video_gaze.hpp corrects it.
+std::array<Vec3<double>, 2> gazes_of(const Vec2<double>& look, const Vec3<double>& to_camera,
+                                     const std::array<VideoEye, 2>& eyes) {
+    const Vec2<double> seen = pitch_yaw(direction_of(look));
+    const double aside = seen[1] - drawn_to_camera * pitch_yaw(normalized(to_camera))[1];
+    const Vec3<double> between = 0.5 * (eyes[0].centre + eyes[1].centre);
+    const Vec3<double> at = between + usual_distance * gaze_vector(seen[0], aside);
+    std::array<Vec3<double>, 2> axes;
+    for (std::size_t e = 0; e < 2; ++e)
+        axes[e] = usual_optical_axis(normalized(Vec3<double>(at - eyes[e].centre)), e);
+    return axes;
 }
 
 } // namespace
+
+Vec2<double> tracked_look(const std::vector<std::string>& names, const TrackedPicture& picture) {
+    const auto value = [&](const std::string& name) {
+        const auto at = std::find(names.begin(), names.end(), "eyeLook" + name);
+        return at == names.end() ? 0 : picture.coefficients[at - names.begin()];
+    };
+    return 0.5 * Vec2<double>(value("OutLeft") - value("InLeft") + value("InRight") - value("OutRight"),
+                              value("UpLeft") - value("DownLeft") + value("UpRight") - value("DownRight"));
+}
+
+Vec3<double> direction_of(const Vec2<double>& look) {
+    return gaze_vector(degree * look_up_deg * look.y(), degree * look_aside_deg * look.x());
+}
 
 Vec3<double> usual_optical_axis(const Vec3<double>& visual, std::size_t eye) {
     const Vec2<double> angles = pitch_yaw(visual);
@@ -238,8 +253,8 @@ VideoHead video_head(const Tracks& tracks, const std::vector<int>& pictures,
         for (Index i = 0; i < skin_landmarks; ++i)
             pose.landmarks.col(i) =
                 pose.world_from_head.apply(Vec3<double>(in_head.col(i) + shift));
-        for (std::size_t e = 0; e < 2; ++e)
-            pose.gaze[e] = gaze_of(views[f].drivers.tail<2>(), e);
+        pose.gaze = gazes_of(views[f].drivers.tail<2>(),
+                             pose.world_from_head.inverse().apply(camera.centre()), head.eyes);
         head.poses.push_back(std::move(pose));
     }
     return head;

@@ -44,6 +44,13 @@ struct VideoHead {
     double landmark_error = 0;     ///< median of the landmarks' errors [px]
 };
 
+/// Returns what the tracker's coefficients eyeLook* say of both eyes: shares of their reach to the
+/// subject's left, and up.
+Vec2<double> tracked_look(const std::vector<std::string>& names, const TrackedPicture& picture);
+
+/// Returns the direction of such a look, in the head frame.
+Vec3<double> direction_of(const Vec2<double>& look);
+
 /// Returns the optical axis of an average eye that looks in this direction; both in the head frame.
 Vec3<double> usual_optical_axis(const Vec3<double>& visual, std::size_t eye);
 

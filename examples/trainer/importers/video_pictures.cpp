@@ -17,8 +17,6 @@ constexpr double half_head = 0.8;
 constexpr int smallest_size = 64;
 /// The mask's confidence that is outside and inside.
 constexpr double outside = 0.3, inside = 0.7;
-constexpr int chin = 152;
-constexpr double neck_below_chin = 0.3; ///< [dm]
 
 /// Means of the pixels of a picture that a square's pixels cover; 0 beyond the picture. `share`
 /// becomes the covered share of each pixel, 0 to 1.
@@ -122,28 +120,21 @@ Image8 eyes_of(const TrackedPicture& p, const VideoPose& pose, const Pinhole<dou
     return eyes;
 }
 
-/// Returns true for pixels that show what is below the neck, in the plane of the head's middle.
-class BelowNeck {
-  public:
-    BelowNeck(const VideoPose& pose, const Pinhole<double>& camera) : camera_(camera) {
-        from_head_ = pose.world_from_head;
-        height_ = from_head_.inverse().apply(Vec3<double>(pose.landmarks.col(chin))).y() -
-                  neck_below_chin;
-        depth_ = camera.camera_from_world.apply(from_head_.translation).z();
-    }
-    bool operator()(double u, double v) const {
-        const Vec3<double> at((u - camera_.cx) / camera_.fx * depth_,
-                              (v - camera_.cy) / camera_.fy * depth_, depth_);
-        return from_head_.inverse().apply(camera_.camera_from_world.inverse().apply(at)).y() < height_;
-    }
-
-  private:
-    const Pinhole<double>& camera_;
-    Rigid<double> from_head_;
-    double height_ = 0, depth_ = 0;
-};
-
 } // namespace
+
+BelowNeck::BelowNeck(const Rigid<double>& world_from_head, const Vec3<double>& chin,
+                     const Pinhole<double>& camera)
+    : from_head_(world_from_head), camera_(camera) {
+    constexpr double neck_below_chin = 0.3; // [dm]
+    height_ = from_head_.inverse().apply(chin).y() - neck_below_chin;
+    depth_ = camera.camera_from_world.apply(from_head_.translation).z();
+}
+
+bool BelowNeck::operator()(double u, double v) const {
+    const Vec3<double> at((u - camera_.cx) / camera_.fx * depth_,
+                          (v - camera_.cy) / camera_.fy * depth_, depth_);
+    return from_head_.inverse().apply(camera_.camera_from_world.inverse().apply(at)).y() < height_;
+}
 
 VideoSquare square_of(const Tracks& tracks, const std::vector<int>& pictures, int size) {
     Vec2<double> low = Vec2<double>::Constant(1e9), high = -low;
@@ -181,7 +172,7 @@ ImportView view_of(const Tracks& tracks, const VideoHead& head, const VideoPose&
     view.picture = resampled(read(p.picture, 3), square, share);
     view.mask = resampled(read(p.mask, 1), square, share);
     view.visible = plain_image(square.size, square.size, 255);
-    const BelowNeck below(pose, view.pinhole);
+    const BelowNeck below(pose.world_from_head, pose.landmarks.col(face_ibug[ibug_chin]), view.pinhole);
     for (std::size_t i = 0; i < view.mask.values.size(); ++i) {
         const double u = static_cast<double>(i % static_cast<std::size_t>(square.size)) + 0.5,
                      v = static_cast<double>(i / static_cast<std::size_t>(square.size)) + 0.5;

@@ -17,6 +17,20 @@ struct VideoSquare {
     int size = 0;                       ///< of the pictures that are made of it [px]
 };
 
+/// Which points of a picture [px] show what is below the neck, in the plane of the head's middle:
+/// 3 cm below the chin, which is given in the world [dm].
+class BelowNeck {
+  public:
+    BelowNeck(const Rigid<double>& world_from_head, const Vec3<double>& chin,
+              const Pinhole<double>& camera);
+    bool operator()(double u, double v) const;
+
+  private:
+    Rigid<double> from_head_;
+    Pinhole<double> camera_;
+    double height_ = 0, depth_ = 0;
+};
+
 /// Returns the square around all heads, for pictures of at most `size` pixels, never enlarged.
 VideoSquare square_of(const Tracks& tracks, const std::vector<int>& pictures, int size);
 

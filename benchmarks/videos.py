@@ -1,0 +1,205 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""videos.py OUT --head NAME=MODEL:SEED ...: what avatars of videos are worth. Films heads that look at the dots
+of docs/gaze_dots.html and then around while they turn, tracks and imports the videos with and without the dots,
+trains, and measures by the truth, which nothing else has seen: at times of the video that training did not see,
+and from cameras at 30 and 45 degrees to both sides. Prints two Markdown tables: labels, and avatars. Results in
+OUT are kept: a call that was stopped goes on, on another machine, too, where --train says that only trainings
+are left. Exit status 1 if anything failed; the tables then say so. Run from anywhere."""
+import argparse
+import concurrent.futures
+import json
+import os
+import pathlib
+import queue
+import re
+import subprocess
+import sys
+import time
+
+WAYS = ("plain", "dots")
+
+
+def arguments():
+    p = argparse.ArgumentParser(description=__doc__)
+    here = pathlib.Path(__file__).resolve().parent
+    build = here / "../build/release"
+    p.add_argument("out", type=pathlib.Path)
+    p.add_argument("--head", action="append", required=True, metavar="NAME=MODEL:SEED",
+                   help="a head to film: a model of `rye capture`, and a seed")
+    p.add_argument("--rye", default=str(build / "rye"), help="the program")
+    p.add_argument("--tests", type=pathlib.Path, default=build / "tests", help="has video_truth and video_views")
+    p.add_argument("--frames", type=int, default=300, help="pictures of each video")
+    p.add_argument("--rate", type=int, default=5, help="pictures a second")
+    p.add_argument("--size", type=int, default=1080, help="edge of the video [px]")
+    p.add_argument("--ways", default=",".join(WAYS), help="of plain, dots")
+    p.add_argument("--preset", default="cpu")
+    p.add_argument("--picture", type=int, default=512, help="most pixels of a side of the captures")
+    p.add_argument("--labels-only", action="store_true", help="no trainings")
+    p.add_argument("--train", action="store_true", help="only trainings: labels and captures are in OUT")
+    p.add_argument("--jobs", type=int, default=1, help="trainings at once")
+    p.add_argument("--devices", type=int, default=0, help="CUDA devices to spread the trainings over")
+    o = p.parse_args()
+    o.page, o.dots_page = here / "../docs/gaze_dots.html", here / "../tests/importers/dots_of_page.js"
+    o.heads = {}
+    for text in o.head:
+        form = re.fullmatch(r"(\w+)=(.+):(\d+)", text)
+        if not form:
+            sys.exit(f"videos.py: --head got '{text}', expected NAME=MODEL:SEED")
+        o.heads[form[1]] = (form[2], form[3])
+    o.ways = o.ways.split(",")
+    for way in o.ways:
+        if way not in WAYS:
+            sys.exit(f"videos.py: --ways got '{way}', expected some of {', '.join(WAYS)}")
+    return o
+
+
+class Failed(Exception):
+    pass
+
+
+def call(folder, step, env, *command):
+    """Calls a command whose output STEP.txt gets; its seconds and memory go to STEP.json."""
+    begin = time.time()
+    with open(folder / f"{step}.txt", "w") as out:
+        child = subprocess.Popen([str(c) for c in command], stdout=out, stderr=out, env=env)
+        _, status, usage = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+    if child.returncode != 0:
+        raise Failed(f"{' '.join(str(c) for c in command[:3])} failed; see {folder / step}.txt")
+    took = {"seconds": time.time() - begin, "gigabytes": usage.ru_maxrss / 1e6}
+    (folder / f"{step}.json").write_text(json.dumps(took))
+
+
+def once(path, folder, step, env, *command):
+    """Calls a command that makes `path`, unless it is there."""
+    if not path.exists():
+        call(folder, step, env, *command)
+
+
+def film_and_import(o, name):
+    """Writes OUT/NAME: head.mp4, truth, and for each way capture, refined, true, views, and their texts."""
+    folder = o.out / name
+    folder.mkdir(parents=True, exist_ok=True)
+    model, seed = o.heads[name]
+    dots, truth = folder / "dots.csv", folder / "truth"
+    if not dots.exists():
+        dots.write_text(subprocess.run(["node", o.dots_page, o.page, "20", "1.2"], check=True, capture_output=True,
+                                       text=True).stdout)
+    once(truth, folder, "film", None, o.rye, "capture", "--model", model, "--seed", seed, "--video",
+         folder / "head.mp4", "--out", truth, "--frames", o.frames, "--rate", o.rate, "--size", o.size, "--dots", dots,
+         "--dots-begin", "2.3", "--quiet")
+    tracks = folder / "tracks"
+    for way in o.ways:
+        at = folder / way
+        at.mkdir(exist_ok=True)
+        if not (tracks / "0/tracks.jsonl").exists():
+            call(at, "track", None, o.rye, "import", "video", folder / "head.mp4", "--every", "1", "--size", o.picture,
+                 "--out", at / "tracked")
+            (at / "tracked.tracks").rename(tracks)
+        extra = ["--dots", dots] if way == "dots" else []
+        once(at / "capture/capture.json", at, "import", None, o.rye, "import", "video", tracks / "0", "--size",
+             o.picture, "--out", at / "capture", *extra)
+        once(at / "refined", at, "refine", None, o.rye, "refine", "--capture", at / "capture", "--out", at / "refined")
+        once(at / "true", at, "labels", None, o.tests / "video_truth", truth, at / "capture", at / "true")
+        once(at / "refined.txt", at, "refined", None, o.tests / "video_truth", truth, at / "refined")
+        once(at / "views/capture.json", at, "views", None, o.tests / "video_views", truth, model, at / "capture",
+             at / "views")
+
+
+def train_and_measure(o, free, name, way):
+    at = o.out / name / way
+    run = at / f"run-{o.preset}"
+    device = free.get()
+    env = dict(os.environ) if o.devices == 0 else dict(os.environ, CUDA_VISIBLE_DEVICES=str(device % o.devices))
+    try:
+        once(run / "results.json", at, f"train-{o.preset}", env, o.rye, "train", "--capture", at / "capture", "--out",
+             run, "--preset", o.preset, "--overwrite")
+        once(run / "results.json", at, f"measure-{o.preset}", env, o.rye, "evaluate", "--run", run, "--capture",
+             at / "true")
+        once(run / "views/results.json", at, f"measure-views-{o.preset}", env, o.rye, "evaluate", "--run", run,
+             "--capture", at / "views", "--out", run / "views")
+    finally:
+        free.put(device)
+
+
+def label_cells(at):
+    try:
+        text, refined = (at / "labels.txt").read_text(), (at / "refined.txt").read_text()
+    except FileNotFoundError:
+        return None
+
+    def found(form, where=text):
+        return re.search(form, where)[1]
+
+    def gazes(where):
+        return ", ".join(f"{m[0]}° ({m[1]}°)" for m in re.findall(r"gaze, \w+ +(\S+) deg in the mean, (\S+) in", where))
+
+    return [found(r"frames +(\d+)"), found(r"focal length +(\S+ %)"), found(r"distance +(\S+ %)"),
+            found(r"head pose +(\S+) deg") + "°, " + found(r"eyes (\S+) mm") + " mm", gazes(text), gazes(refined),
+            found(r"masks +(\S+) int") + ", " + found(r"heads, (\S+) of eyes")]
+
+
+def mean_of_camera(path, cameras):
+    views = [v for v in json.loads(path.read_text()) if v["camera"] in cameras]
+    values = [v["head"]["psnr"] for v in views]
+    return sum(values) / len(values)
+
+
+def avatar_cells(o, at):
+    run = at / f"run-{o.preset}"
+    try:
+        r = json.loads((run / "results.json").read_text())["all"]
+        views = run / "views/per_view.json"
+        own, thirty, fortyfive = (mean_of_camera(views, c) for c in (("00",), ("02", "03"), ("01", "04")))
+        around = json.loads((run / "views/results.json").read_text())["all"]["gaze"]["render"]
+        took = json.loads((at / f"train-{o.preset}.json").read_text())
+    except FileNotFoundError:
+        return None
+    render = r["gaze"]["render"]
+    return [f"{r['head']['psnr']:.2f} dB, {r['head']['ssim']:.3f}", f"{r['face']['psnr']:.2f} dB",
+            f"{r['eyes']['psnr']:.2f} dB", f"{render['degrees']:.2f}°", f"{render['degrees_where_found']:.2f}°",
+            f"{render['found']} of {r['eyes_visible']}", f"{own:.2f}, {thirty:.2f}, {fortyfive:.2f} dB",
+            f"{around['degrees']:.2f}°", f"{took['seconds']:.0f}", f"{took['gigabytes']:.1f}"]
+
+
+def print_table(head, rows):
+    """Prints rows (name, way, cells); returns the number of those without cells."""
+    print("| head | gazes | " + " | ".join(head) + " |")
+    print("|" + "---|" * (2 + len(head)))
+    for name, way, cells in rows:
+        print(f"| {name} | {way} | " + " | ".join(cells or ["failed"] * len(head)) + " |")
+    print()
+    return sum(1 for row in rows if row[2] is None)
+
+
+def main():
+    o = arguments()
+    o.out.mkdir(parents=True, exist_ok=True)
+    for name in o.heads if not o.train else []:
+        try:
+            film_and_import(o, name)
+        except (Failed, subprocess.CalledProcessError) as e:
+            print(f"videos.py: {name}: {e}", file=sys.stderr)
+    tasks = [(n, w) for n in o.heads for w in o.ways]
+    free = queue.Queue()
+    for i in range(o.jobs):
+        free.put(i)
+    with concurrent.futures.ThreadPoolExecutor(o.jobs) as pool:
+        for task, done in [(t, pool.submit(train_and_measure, o, free, *t)) for t in tasks if not o.labels_only]:
+            try:
+                done.result()
+            except Failed as e:
+                print(f"videos.py: {task[0]}, {task[1]}: {e}", file=sys.stderr)
+    missing = print_table(
+        ["frames", "focal length", "distance", "head poses", "gaze of left and right eye, mean (median)", "corrected",
+         "masks of head and eyes"], [(n, w, label_cells(o.out / n / w)) for n, w in tasks])
+    if not o.labels_only:
+        missing += print_table(
+            ["head: PSNR, SSIM", "face", "eyes", "gaze error", "... where found", "irises found",
+             "head from the video's camera, 30° and 45° aside", "gaze error, all of these", "seconds", "GB"],
+            [(n, w, avatar_cells(o, o.out / n / w)) for n, w in tasks])
+    sys.exit(1 if missing else 0)
+
+
+main()
