@@ -2,8 +2,8 @@
 // video_views TRUTH MODEL CAPTURE OUT: the test frames of CAPTURE, which `rye import video` made of a video,
 // as five cameras see the head of TRUTH, which `rye capture --video --model MODEL` wrote beside the video: 00
 // is the video's own, the others stand 30 and 45 degrees to both sides of it. OUT is a capture by which
-// `rye evaluate` measures an avatar of CAPTURE from views that the video never had. Expressions are CAPTURE's
-// and gazes the true ones. Heads are where the truth has them: the frame of CAPTURE's heads is placed in that
+// `rye evaluate` measures an avatar of CAPTURE from views that the video never had. Expressions are CAPTURE's,
+// gazes and eyeballs the true ones. Heads are where the truth has them: the frame of CAPTURE's heads is placed in that
 // of the true one by one similarity, by which the tracked landmarks of all frames fall on the same pixels.
 #include <algorithm>
 #include <array>
@@ -171,7 +171,10 @@ ImportHead head_of(const Capture& truth, const Capture& got, const VideoPair& p,
         h.eyes[e].optical = map.motion.turn_back(right.eyes[e].optical);
         h.eyes[e].optical_world.reset();
         h.eyes[e].visual.reset();
-        h.eyes[e].centre = from_world.apply(*frame.eyes[e].centre);
+        h.eyes[e].centre = *right.eyes[e].centre / map.scale;
+        h.eyes[e].radius = *right.eyes[e].radius / map.scale;
+        h.eyes[e].limbus_radius = *right.eyes[e].limbus_radius / map.scale;
+        h.eyes[e].iris_plane = *right.eyes[e].iris_plane / map.scale;
     }
     return h;
 }
