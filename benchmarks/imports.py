@@ -163,10 +163,21 @@ def label_cells(folder):
             f"{before[5]}, {after[5]} mm"]
 
 
-def avatar_cells(results, seconds):
+def gaze_of_pairs(o, per_view):
+    """Gaze error in frames whose eyes look at one point: what a source with one gaze for both can say."""
+    apart = json.loads((o.out / "truth/capture.json").read_text())["independent_gaze_test_frames"]
+    views = [v for v in json.loads(per_view.read_text()) if v["frame"] not in apart and v["eyes_visible"]]
+    eyes = sum(v["eyes_visible"] for v in views)
+    if eyes == 0:
+        return "-"
+    return f"{sum(v['gaze']['render']['degrees'] * v['eyes_visible'] for v in views) / eyes:.2f}°"
+
+
+def avatar_cells(o, results, seconds):
     try:
         r = json.loads(results.read_text())["all"]
         took = f"{float(seconds.read_text()):.0f}"
+        pairs = gaze_of_pairs(o, results.parent / "per_view.json")
     except FileNotFoundError:
         return None
     render, own = r["gaze"]["render"], r["gaze_without_labels"]["render"]
@@ -176,7 +187,7 @@ def avatar_cells(results, seconds):
         return "-" if table[key] is None else f"{table[key]:.2f}°"
 
     return [f"{r['head']['psnr']:.2f} dB, {r['head']['ssim']:.3f}", f"{r['face']['psnr']:.2f} dB",
-            f"{r['eyes']['psnr']:.2f} dB, {r['eyes']['ssim']:.3f}", degrees(render, "degrees"),
+            f"{r['eyes']['psnr']:.2f} dB, {r['eyes']['ssim']:.3f}", degrees(render, "degrees"), pairs,
             degrees(render, "degrees_where_found"), found, degrees(own, "degrees"),
             degrees(own, "degrees_where_found"), took]
 
@@ -224,16 +235,17 @@ def main():
     rows = []
     for name, errors in tasks:
         folder = o.out / f"{name}-{errors}"
-        rows.append((name, errors, avatar_cells(folder / "run/results.json", folder / "seconds")))
+        rows.append((name, errors, avatar_cells(o, folder / "run/results.json", folder / "seconds")))
         if name == "mono" and "vhap" in names and "clean" in sets:
             try:
                 measure_mono_around(o, errors)
             except Failed as e:
                 print(f"imports.py: mono, {errors}: {e}", file=sys.stderr)
             rows.append(("mono, all cameras", errors,
-                         avatar_cells(folder / "run/around/results.json", folder / "seconds")))
+                         avatar_cells(o, folder / "run/around/results.json", folder / "seconds")))
     missing += print_table(
-        ["head: PSNR, SSIM", "face", "eyes: PSNR, SSIM", "gaze error", "... where found", "irises found",
+        ["head: PSNR, SSIM", "face", "eyes: PSNR, SSIM", "gaze error", "... of eyes that look at one point",
+         "... where found", "irises found",
          "without labels", "... where found", "seconds"], rows)
     sys.exit(1 if missing else 0)
 
