@@ -169,6 +169,11 @@ if(TARGET rye_program)
     rye_check(video importers/video.sh $<TARGET_FILE:rye_program> $<TARGET_FILE:video_truth>
               ${CMAKE_CURRENT_BINARY_DIR}/video)
     set_tests_properties(video PROPERTIES PROCESSORS 2 TIMEOUT 1200 SKIP_RETURN_CODE 77)
+    if(RYE_TESTS STREQUAL release)
+      rye_check(video_kinds importers/video_kinds.sh $<TARGET_FILE:rye_program>
+                ${CMAKE_CURRENT_BINARY_DIR}/video_kinds)
+      set_tests_properties(video_kinds PROPERTIES PROCESSORS 2 TIMEOUT 1200 SKIP_RETURN_CODE 77)
+    endif()
   endif()
   if(TARGET make_import_source)
     rye_check(avatar_of_video programs/avatar.sh $<TARGET_FILE:rye_program>
@@ -204,7 +209,13 @@ endif()
 rye_check(device_kernels cuda/machine_code.sh ${CMAKE_CURRENT_BINARY_DIR}/compile_flags.txt
           ${CMAKE_CURRENT_SOURCE_DIR}/cuda/record.txt ${architectures})
 set_tests_properties(device_kernels PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 1800)
-rye_check(device_programs cuda/programs.sh ${CMAKE_CURRENT_BINARY_DIR}/compile_flags.txt)
+set(programs)
+if(RYE_TESTS STREQUAL release)
+  set(programs benchmarks)
+else()
+  rye_not_run(device_benchmarks "check.sh --release compiles them")
+endif()
+rye_check(device_programs cuda/programs.sh ${CMAKE_CURRENT_BINARY_DIR}/compile_flags.txt ${programs})
 set_tests_properties(device_programs PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 1800)
 if(RYE_CUDA)
   # References whose products and sums round apart, as those of kernels: where an instruction fuses
@@ -271,8 +282,8 @@ endforeach()
 
 # ---- more projects that use rye -------------------------------------------------------------------
 if(RYE_INSTALL)
-  set(program)
-  if(TARGET rye_program)
+  set(program) # with it a lesson is compiled once more
+  if(TARGET rye_program AND RYE_TESTS STREQUAL release)
     set(program $<TARGET_FILE:rye_program>)
   endif()
   foreach(way find_package fetch_content)

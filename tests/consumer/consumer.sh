@@ -3,7 +3,7 @@
 # consumer.sh WAY SOURCE_DIR BUILD_DIR CMAKE GENERATOR COMPILER [RYE]: a project of a user's, which
 # gets rye by WAY (find_package or pkg_config after an install, add_subdirectory or fetch_content),
 # builds the program that README.md shows, and runs it. By find_package also the programs with a
-# user's own parts; one of them trains on a capture, which the program RYE makes if it is given.
+# user's own parts; with the program RYE one more, which trains on a capture that RYE makes.
 set -eu
 way=$1 source=$2 build=$3 cmake=$4 generator=$5 cxx=$6 rye=${7:-}
 work=$build/tests/consumer_$way
@@ -14,8 +14,8 @@ awk '/^```cpp/ { inside = 1; next } /^```/ { if (inside) exit } inside' "$source
     > "$work/project/main.cpp"
 [ -s "$work/project/main.cpp" ] || { echo "README.md shows no C++ program"; exit 1; }
 if [ "$way" = find_package ]; then
-    cp "$source/tests/consumer/redirect.cpp" "$source/tests/consumer/parts.cpp" \
-        "$source/examples/12_train_my_part.cpp" "$work/project/"
+    cp "$source/tests/consumer/redirect.cpp" "$source/tests/consumer/parts.cpp" "$work/project/"
+    [ -z "$rye" ] || cp "$source/examples/12_train_my_part.cpp" "$work/project/"
     # The skeletons of the page, of which parts.cpp makes an avatar.
     awk '/^## / { there = $2 == "Skeletons" } /^```/ { inside = !inside; next } there && inside' \
         "$source/docs/parts.md" > "$work/project/skeletons.hpp"
@@ -43,10 +43,8 @@ cd "$work/build"
 [ "$way" = find_package ] || exit 0
 ./redirect
 ./parts
-if [ -n "$rye" ]; then
-    "$rye" capture --out capture --frames 2 --test-frames 0 --apart-frames 0 --cameras 3 --size 64 \
-        --samples 1 --png --quiet
-    ./12_train_my_part capture
-fi
+[ -n "$rye" ] || exit 0
+"$rye" capture --out capture --frames 2 --test-frames 0 --apart-frames 0 --cameras 3 --size 64 --samples 1 --png --quiet
+./12_train_my_part capture
 ! ./12_train_my_part missing 2> said.txt || { echo "12_train_my_part reads what is not there"; exit 1; }
 grep -q "missing: no such folder" said.txt || { cat said.txt; exit 1; }

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# programs.sh FLAGS_FILE: compiles the programs for a device, unoptimised, where nvcc is: tests,
-# benchmarks and lesson. So a change that breaks one is seen where there is no device.
+# programs.sh FLAGS_FILE [benchmarks]: compiles the programs for a device, unoptimised, where nvcc is:
+# tests and lesson, and benchmarks if asked to. So a change that breaks one is seen where there is no device.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 root=$here/../..
@@ -11,7 +11,10 @@ includes="-isystem /usr/include/eigen3 $(sed -n 's/^-isystem/-isystem /p' "$1" |
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 bad=0
-for source in "$here"/*_device.cu "$root"/benchmarks/cuda/*.cu "$root"/examples/*.cu; do
+benchmarks=
+if [ "${2:-}" = benchmarks ]; then benchmarks=$(echo "$root"/benchmarks/cuda/*.cu); fi
+# shellcheck disable=SC2086 # a list of files, whose names hold no spaces
+for source in "$here"/*_device.cu "$root"/examples/*.cu $benchmarks; do
     # shellcheck disable=SC2086 # the folders are several words
     if "$nvcc" -std=c++20 -G -ptx -arch=sm_80 --fmad=false -Werror all-warnings \
         -diag-suppress 20012,20015 -DEIGEN_DONT_PARALLELIZE -I"$root/include" -I"$root/tests" \
