@@ -47,6 +47,17 @@ flags="$flags -DEIGEN_DONT_PARALLELIZE -include $here/simd.h -I$root/include -is
 NODE_PATH=${NODE_PATH:-}${NODE_PATH:+:}/usr/share/nodejs
 export NODE_PATH
 
+# begin COMMAND...: in the background; all_done ends the script if one of these failed.
+running=
+begin() {
+    "$@" &
+    running="$running $!"
+}
+all_done() {
+    for pid in $running; do wait "$pid" || exit 1; done
+    running=
+}
+
 objects=
 for source in "$root/c/cloud.cpp" "$root/c/avatar.cpp" "$root/c/message.cpp" "$here/rules.cpp" \
     "$here/page.c" ${MORE:+"$MORE"}; do
@@ -59,10 +70,11 @@ for source in "$root/c/cloud.cpp" "$root/c/avatar.cpp" "$root/c/message.cpp" "$h
     fi
     # shellcheck disable=SC2086 # a list of options
     case $source in
-        *.cpp) em++ -std=c++20 -pthread $flags -c "$source" -o "$object" ;;
-        *) emcc -std=c11 -pthread $flags -c "$source" -o "$object" ;;
+        *.cpp) begin em++ -std=c++20 -pthread $flags -c "$source" -o "$object" ;;
+        *) begin emcc -std=c11 -pthread $flags -c "$source" -o "$object" ;;
     esac
 done
+all_done
 # link NAME EXPORT [FLAG...]: the same objects are both modules: a pool goes on with the threads that start,
 # which is none without -pthread here.
 link() {
@@ -70,7 +82,7 @@ link() {
     export=$2
     shift 2
     # shellcheck disable=SC2086 # lists
-    em++ $flags "$@" $objects -o "$out/$name.js" -sALLOW_MEMORY_GROWTH=1 -sINITIAL_MEMORY=67108864 \
+    begin em++ $flags "$@" $objects -o "$out/$name.js" -sALLOW_MEMORY_GROWTH=1 -sINITIAL_MEMORY=67108864 \
         -sENVIRONMENT=worker -sMODULARIZE=1 -sEXPORT_NAME="$export" -sFILESYSTEM=0 \
         -sEXPORTED_FUNCTIONS=_malloc,_free -sEXPORTED_RUNTIME_METHODS=UTF8ToString,stringToUTF8
 }
@@ -78,6 +90,7 @@ link rye ryeModule
 # worker.js says how many threads, and has the memory. Views of it are short-lived, so it may grow.
 link rye_threads ryeThreadsModule -pthread -Wno-pthreads-mem-growth -sMAXIMUM_MEMORY=2147483648 \
     -sPTHREAD_POOL_SIZE=Module.threads-1 -sPTHREAD_POOL_SIZE_STRICT=2
+all_done
 
 # WebGPU's steps, and what calls them, as one script.
 {
