@@ -87,8 +87,8 @@ def film_and_import(o, name):
         dots.write_text(subprocess.run(["node", o.dots_page, o.page, "20", "1.2"], check=True, capture_output=True,
                                        text=True).stdout)
     once(truth, folder, "film", None, o.rye, "capture", "--model", model, "--seed", seed, "--video",
-         folder / "head.mp4", "--out", truth, "--frames", o.frames, "--rate", o.rate, "--size", o.size, "--dots", dots,
-         "--dots-begin", "2.3", "--quiet")
+         folder / "head.mp4", "--out", truth, "--frames", o.frames, "--rate", o.rate, "--size", o.size, "--turn", "25",
+         "--dots", dots, "--dots-begin", "2.3", "--quiet")
     tracks = folder / "tracks"
     for way in o.ways:
         at = folder / way
@@ -145,8 +145,8 @@ def of_cameras(path, cameras):
     views = [v for v in json.loads(path.read_text()) if v["camera"] in cameras]
     psnr = sum(v["head"]["psnr"] for v in views) / len(views)
     eyes = [(v["gaze"]["render"]["degrees"], v["eyes_visible"]) for v in views if v["eyes_visible"]]
-    gaze = sum(d * n for d, n in eyes) / max(1, sum(n for _, n in eyes))
-    return f"{psnr:.2f} dB, {gaze:.1f}°"
+    count = sum(n for _, n in eyes)
+    return f"{psnr:.2f} dB, " + (f"{sum(d * n for d, n in eyes) / count:.1f}°" if count else "no eye seen")
 
 
 def avatar_cells(o, at):
