@@ -18,6 +18,8 @@ import subprocess
 import sys
 import time
 
+from rows import print_table
+
 # Kind of make_import_source, kind of `rye import`, further arguments.
 SOURCES = {
     "vhap": ("vhap", "vhap"),
@@ -192,16 +194,6 @@ def avatar_cells(o, results, seconds):
             degrees(own, "degrees_where_found"), took]
 
 
-def print_table(head, rows):
-    """Prints rows (name, set, cells); returns the number of those without cells."""
-    print("| source | labels | " + " | ".join(head) + " |")
-    print("|" + "---|" * (2 + len(head)))
-    for name, errors, cells in rows:
-        print(f"| `{name}` | {errors} | " + " | ".join(cells or ["failed"] * len(head)) + " |")
-    print()
-    return sum(1 for row in rows if row[2] is None)
-
-
 def main():
     o = arguments()
     names, sets = o.sources.split(","), o.sets.split(",")
@@ -227,26 +219,26 @@ def main():
             except (Failed, subprocess.CalledProcessError) as e:
                 print(f"imports.py: {task[0]}, {task[1]}: {e}", file=sys.stderr)
     missing = print_table(
-        ["gaze of training frames, mean and largest error", "corrected", "gaze of test frames", "head poses",
-         "corrected", "landmarks", "eyeball centres, then corrected"],
-        [(n, s, label_cells(o.out / f"{n}-{s}")) for n, s in tasks])
+        ["source", "labels", "gaze of training frames, mean and largest error", "corrected", "gaze of test frames",
+         "head poses", "corrected", "landmarks", "eyeball centres, then corrected"],
+        [(f"`{n}`", s, label_cells(o.out / f"{n}-{s}")) for n, s in tasks])
     if o.labels_only:
         sys.exit(1 if missing else 0)
     rows = []
     for name, errors in tasks:
         folder = o.out / f"{name}-{errors}"
-        rows.append((name, errors, avatar_cells(o, folder / "run/results.json", folder / "seconds")))
+        rows.append((f"`{name}`", errors, avatar_cells(o, folder / "run/results.json", folder / "seconds")))
         if name == "mono" and "vhap" in names and "clean" in sets:
             try:
                 measure_mono_around(o, errors)
             except Failed as e:
                 print(f"imports.py: mono, {errors}: {e}", file=sys.stderr)
-            rows.append(("mono, all cameras", errors,
+            rows.append(("`mono`, all cameras", errors,
                          avatar_cells(o, folder / "run/around/results.json", folder / "seconds")))
     missing += print_table(
-        ["head: PSNR, SSIM", "face", "eyes: PSNR, SSIM", "gaze error", "... of eyes that look at one point",
-         "... where found", "irises found",
-         "without labels", "... where found", "seconds"], rows)
+        ["source", "labels", "head: PSNR, SSIM", "face", "eyes: PSNR, SSIM", "gaze error",
+         "... of eyes that look at one point", "... where found", "irises found", "without labels",
+         "... where found", "seconds"], rows)
     sys.exit(1 if missing else 0)
 
 

@@ -17,6 +17,8 @@ import subprocess
 import sys
 import time
 
+from rows import print_table
+
 WAYS = ("plain", "dots")
 
 
@@ -133,7 +135,8 @@ def label_cells(at):
         return re.search(form, where)[1]
 
     def gazes(where):
-        return ", ".join(f"{m[0]}° ({m[1]}°)" for m in re.findall(r"gaze, \w+ +(\S+) deg in the mean, (\S+) in", where))
+        form = r"gaze, \w+ +(\S+) deg in the mean, (\S+) in"
+        return ", ".join(f"{mean}° ({middle}°)" for mean, middle in re.findall(form, where))
 
     return [found(r"frames +(\d+)"), found(r"focal length +(\S+ %)"), found(r"distance +(\S+ %)"),
             found(r"head pose +(\S+) deg") + "°, " + found(r"eyes (\S+) mm") + " mm", gazes(text), gazes(refined),
@@ -161,16 +164,6 @@ def avatar_cells(o, at):
             f"{r['eyes']['psnr']:.2f} dB", *views, f"{took['seconds']:.0f}", f"{took['gigabytes']:.1f}"]
 
 
-def print_table(head, rows):
-    """Prints rows (name, way, cells); returns the number of those without cells."""
-    print("| head | gazes | " + " | ".join(head) + " |")
-    print("|" + "---|" * (2 + len(head)))
-    for name, way, cells in rows:
-        print(f"| {name} | {way} | " + " | ".join(cells or ["failed"] * len(head)) + " |")
-    print()
-    return sum(1 for row in rows if row[2] is None)
-
-
 def main():
     o = arguments()
     o.out.mkdir(parents=True, exist_ok=True)
@@ -190,12 +183,13 @@ def main():
             except Failed as e:
                 print(f"videos.py: {task[0]}, {task[1]}: {e}", file=sys.stderr)
     missing = print_table(
-        ["frames", "focal length", "distance", "head poses", "gaze of left and right eye, mean (median)", "corrected",
+        ["head", "gazes", "frames", "focal length", "distance", "head poses",
+         "gaze of left and right eye, mean (median)", "corrected",
          "masks of head and eyes"], [(n, w, label_cells(o.out / n / w)) for n, w in tasks])
     if not o.labels_only:
         missing += print_table(
-            ["head: PSNR, SSIM", "face", "eyes", "from the video's camera: head, gaze error", "30° aside", "45° aside",
-             "seconds", "GB"],
+            ["head", "gazes", "head: PSNR, SSIM", "face", "eyes", "from the video's camera: head, gaze error",
+             "30° aside", "45° aside", "seconds", "GB"],
             [(n, w, avatar_cells(o, o.out / n / w)) for n, w in tasks])
     sys.exit(1 if missing else 0)
 
