@@ -25,7 +25,8 @@ inline std::vector<VideoPair> pairs_of(const Capture& truth, const Capture& got)
         by_id[truth.frames[static_cast<std::size_t>(f)].id] = f;
     std::vector<VideoPair> pairs;
     for (int f = 0; f < got.frame_count(); ++f)
-        if (const auto at = by_id.find(got.frames[static_cast<std::size_t>(f)].id); at != by_id.end())
+        if (const auto at = by_id.find(got.frames[static_cast<std::size_t>(f)].id);
+            at != by_id.end())
             pairs.push_back({at->second, f});
     require(pairs.size() >= 3, got.folder.string(), "has ", pairs.size(), " frames of ",
             truth.folder.string(), ", expected 3 or more");

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// video_views TRUTH MODEL CAPTURE OUT: the test frames of CAPTURE, which `rye import video` made of a video,
-// as five cameras see the head of TRUTH, which `rye capture --video --model MODEL` wrote beside the video: 00
-// is the video's own, the others stand 30 and 45 degrees to both sides of it. OUT is a capture by which
-// `rye evaluate` measures an avatar of CAPTURE from views that the video never had. Expressions are CAPTURE's,
-// gazes and eyeballs the true ones. Heads are where the truth has them: the frame of CAPTURE's heads is placed in that
-// of the true one by one similarity, by which the tracked landmarks of all frames fall on the same pixels.
+// video_views TRUTH MODEL CAPTURE OUT: the test frames of CAPTURE, which `rye import video` made of
+// a video, as five cameras see the head of TRUTH, which `rye capture --video --model MODEL` wrote
+// beside the video: 00 is the video's own, the others stand 30 and 45 degrees to both sides of it.
+// OUT is a capture by which `rye evaluate` measures an avatar of CAPTURE from views that the video
+// never had. Expressions are CAPTURE's, gazes and eyeballs the true ones. Heads are where the truth
+// has them: the frame of CAPTURE's heads is placed in that of the true one by one similarity, by
+// which the tracked landmarks of all frames fall on the same pixels.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -35,7 +36,9 @@ using namespace rye::trainer;
 struct HeadMap {
     Rigid<double> motion;
     double scale = 1;
-    Vec3<double> apply(const Vec3<double>& x) const { return motion.apply(Vec3<double>(scale * x)); }
+    Vec3<double> apply(const Vec3<double>& x) const {
+        return motion.apply(Vec3<double>(scale * x));
+    }
 };
 
 Vec2<double> seen(const Pinhole<double>& camera, const Vec3<double>& world) {
@@ -83,7 +86,8 @@ HeadMap head_map(const Capture& truth, const Capture& got, const std::vector<Vid
     const auto eyes_of = [](const Capture& c, int f) {
         const CaptureFrame& frame = c.frames[static_cast<std::size_t>(f)];
         const Rigid<double> to_head = world_from_head(c, f).inverse();
-        return std::array{to_head.apply(*frame.eyes[0].centre), to_head.apply(*frame.eyes[1].centre)};
+        return std::array{to_head.apply(*frame.eyes[0].centre),
+                          to_head.apply(*frame.eyes[1].centre)};
     };
     const auto a = eyes_of(got, pairs[0].got), b = eyes_of(truth, pairs[0].truth);
     map.scale = (b[0] - b[1]).norm() / (a[0] - a[1]).norm();
@@ -102,14 +106,16 @@ HeadMap head_map(const Capture& truth, const Capture& got, const std::vector<Vid
         if (by.norm() < 1e-9) break;
     }
     const VecX<double> r = residuals(truth, all, map);
-    const double px = truth.camera(0, 0).fx * std::sqrt(2 * r.squaredNorm() / static_cast<double>(r.size()));
-    std::printf("head frame     scale %.3f; landmarks %.1f px off, rms, in the video\n", map.scale, px);
+    const double px =
+        truth.camera(0, 0).fx * std::sqrt(2 * r.squaredNorm() / static_cast<double>(r.size()));
+    std::printf("head frame     scale %.3f; landmarks %.1f px off, rms, in the video\n", map.scale,
+                px);
     return map;
 }
 
 /// The camera of the video, cut to the square of the capture's pictures, or turned around the head.
-Pinhole<double> camera_at(const Pinhole<double>& video, const std::array<double, 3>& square, int size,
-                          double yaw_deg) {
+Pinhole<double> camera_at(const Pinhole<double>& video, const std::array<double, 3>& square,
+                          int size, double yaw_deg) {
     const double zoom = size / square[2];
     Pinhole<double> c = video;
     c.fx *= zoom;
@@ -122,8 +128,9 @@ Pinhole<double> camera_at(const Pinhole<double>& video, const std::array<double,
     }
     const Vec3<double> from = so3_exp(Vec3<double>(0, std::acos(-1.0) / 180 * yaw_deg, 0)) *
                               (video.centre() - head_centre);
-    c.camera_from_world = look_at<double>(head_centre + from, head_centre, {0, 1, 0}, 1.0, {size, size})
-                              .camera_from_world;
+    c.camera_from_world =
+        look_at<double>(head_centre + from, head_centre, {0, 1, 0}, 1.0, {size, size})
+            .camera_from_world;
     c.cx = c.cy = 0.5 * size;
     return c;
 }
@@ -142,7 +149,8 @@ ImportView view_of(const PosedHead& head, const Pinhole<double>& camera, const B
     for (std::size_t i = 0; i < view.mask.values.size(); ++i) {
         view.eyes.values[i] = eye_values[picture.eye[i]];
         const auto width = static_cast<std::size_t>(camera.width);
-        if (!below(static_cast<double>(i % width) + 0.5, static_cast<double>(i / width) + 0.5)) continue;
+        if (!below(static_cast<double>(i % width) + 0.5, static_cast<double>(i / width) + 0.5))
+            continue;
         view.mask.values[i] = view.visible.values[i] = view.eyes.values[i] = 0;
         for (std::size_t c = 0; c < 3; ++c) view.picture.values[3 * i + c] = 0;
     }
@@ -155,10 +163,12 @@ Rigid<double> shrunk(Rigid<double> m, double scale) {
     return m;
 }
 
-ImportHead head_of(const Capture& truth, const Capture& got, const VideoPair& p, const HeadMap& map) {
+ImportHead head_of(const Capture& truth, const Capture& got, const VideoPair& p,
+                   const HeadMap& map) {
     const CaptureFrame& frame = got.frames[static_cast<std::size_t>(p.got)];
     const CaptureFrame& right = truth.frames[static_cast<std::size_t>(p.truth)];
-    const Rigid<double> head = shrunk(compose(world_from_head(truth, p.truth), map.motion), map.scale);
+    const Rigid<double> head =
+        shrunk(compose(world_from_head(truth, p.truth), map.motion), map.scale);
     const Rigid<double> from_world = compose(head, world_from_head(got, p.got).inverse());
     ImportHead h;
     h.expression.assign(frame.expression.begin(), frame.expression.end());
@@ -220,7 +230,8 @@ int run(const char* truth_folder, const char* model_file, const char* got_folder
                                                 frame.head->pose.tail<3>()};
         const PosedHead head(model, state);
         for (std::size_t k = 0; k < yaws.size(); ++k) {
-            const Pinhole<double> camera = camera_at(truth.camera(p.truth, 0), square, got.width, yaws[k]);
+            const Pinhole<double> camera =
+                camera_at(truth.camera(p.truth, 0), square, got.width, yaws[k]);
             Pinhole<double> small = camera;
             small.camera_from_world = shrunk(camera.camera_from_world, map.scale);
             const BelowNeck below(world_from_imported, chin, small);
@@ -243,7 +254,8 @@ int run(const char* truth_folder, const char* model_file, const char* got_folder
                    {"unit_mm", 100},
                    {"conventions", {{"image", "8-bit sRGB over black (premultiplied)"}}}},
                   summary);
-    std::printf("written        %s, %zu test frames by %d cameras\n", out, tests.size(), summary.cameras);
+    std::printf("written        %s, %zu test frames by %d cameras\n", out, tests.size(),
+                summary.cameras);
     return 0;
 }
 
