@@ -86,7 +86,7 @@ def film_and_import(o, name):
     model, seed = o.heads[name]
     dots, truth = folder / "dots.csv", folder / "truth"
     if not dots.exists():
-        dots.write_text(subprocess.run(["node", o.dots_page, o.page, "20", "1.2"], check=True, capture_output=True,
+        dots.write_text(subprocess.run(["node", o.dots_page, o.page, "40", "1.2"], check=True, capture_output=True,
                                        text=True).stdout)
     once(truth, folder, "film", None, o.rye, "capture", "--model", model, "--seed", seed, "--video",
          folder / "head.mp4", "--out", truth, "--frames", o.frames, "--rate", o.rate, "--size", o.size, "--turn", "25",
@@ -115,7 +115,7 @@ def train_and_measure(o, free, name, way):
     device = free.get()
     env = dict(os.environ) if o.devices == 0 else dict(os.environ, CUDA_VISIBLE_DEVICES=str(device % o.devices))
     try:
-        once(run / "results.json", at, f"train-{o.preset}", env, o.rye, "train", "--capture", at / "capture", "--out",
+        once(at / f"train-{o.preset}.json", at, f"train-{o.preset}", env, o.rye, "train", "--capture", at / "capture", "--out",
              run, "--preset", o.preset, "--overwrite")
         once(run / "results.json", at, f"measure-{o.preset}", env, o.rye, "evaluate", "--run", run, "--capture",
              at / "true")
@@ -131,8 +131,8 @@ def label_cells(at):
     except FileNotFoundError:
         return None
 
-    def found(form, where=text):
-        return re.search(form, where)[1]
+    def found(form):
+        return re.search(form, text)[1]
 
     def gazes(where):
         form = r"gaze, \w+ +(\S+) deg in the mean, (\S+) in"

@@ -25,21 +25,13 @@
 #include "importers/video_pictures.hpp"
 #include "synthetic_capture/head_render.hpp"
 #include "synthetic_capture/scene.hpp"
+#include "comparison.hpp"
 #include "video_pairs.hpp"
 
 namespace {
 
 using namespace rye;
 using namespace rye::trainer;
-
-/// y = scale rotation x + translation, from the frame of imported heads to that of the true head.
-struct HeadMap {
-    Rigid<double> motion;
-    double scale = 1;
-    Vec3<double> apply(const Vec3<double>& x) const {
-        return motion.apply(Vec3<double>(scale * x));
-    }
-};
 
 Vec2<double> seen(const Pinhole<double>& camera, const Vec3<double>& world) {
     const Vec3<double> x = camera.camera_from_world.apply(world);
@@ -53,26 +45,26 @@ struct Seen {
     Vec2<double> at;
 };
 
-VecX<double> residuals(const Capture& truth, const std::vector<Seen>& all, const HeadMap& map) {
+VecX<double> residuals(const Capture& truth, const std::vector<Seen>& all, const Similarity& map) {
     VecX<double> r(2 * static_cast<Index>(all.size()));
     for (std::size_t i = 0; i < all.size(); ++i) {
         const Seen& s = all[i];
-        const Vec3<double> world = world_from_head(truth, s.truth).apply(map.apply(s.head));
+        const Vec3<double> world = world_from_head(truth, s.truth).apply(map(s.head));
         r.segment<2>(2 * static_cast<Index>(i)) = seen(truth.camera(s.truth, 0), world) - s.at;
     }
     return r;
 }
 
-HeadMap moved(const HeadMap& map, const Vec<double, 7>& by) {
-    HeadMap m = map;
+Similarity moved(const Similarity& map, const Vec<double, 7>& by) {
+    Similarity m = map;
     m.motion.rotation = so3_exp(Vec3<double>(by.head<3>())) * m.motion.rotation;
     m.motion.translation += by.segment<3>(3);
-    m.scale *= std::exp(by[6]);
+    m.size *= std::exp(by[6]);
     return m;
 }
 
 /// Gauss-Newton's method, with differences for derivatives.
-HeadMap head_map(const Capture& truth, const Capture& got, const std::vector<VideoPair>& pairs) {
+Similarity head_map(const Capture& truth, const Capture& got, const std::vector<VideoPair>& pairs) {
     std::vector<Seen> all;
     for (const VideoPair& p : pairs) {
         const CaptureFrame& frame = got.frames[static_cast<std::size_t>(p.got)];
@@ -82,7 +74,7 @@ HeadMap head_map(const Capture& truth, const Capture& got, const std::vector<Vid
                            seen(got.camera(p.got, 0), world)});
         }
     }
-    HeadMap map;
+    Similarity map;
     const auto eyes_of = [](const Capture& c, int f) {
         const CaptureFrame& frame = c.frames[static_cast<std::size_t>(f)];
         const Rigid<double> to_head = world_from_head(c, f).inverse();
@@ -90,8 +82,8 @@ HeadMap head_map(const Capture& truth, const Capture& got, const std::vector<Vid
                           to_head.apply(*frame.eyes[1].centre)};
     };
     const auto a = eyes_of(got, pairs[0].got), b = eyes_of(truth, pairs[0].truth);
-    map.scale = (b[0] - b[1]).norm() / (a[0] - a[1]).norm();
-    map.motion.translation = 0.5 * (b[0] + b[1] - map.scale * (a[0] + a[1]));
+    map.size = (b[0] - b[1]).norm() / (a[0] - a[1]).norm();
+    map.motion.translation = 0.5 * (b[0] + b[1] - map.size * (a[0] + a[1]));
     constexpr double step = 1e-6;
     constexpr int steps = 30;
     for (int i = 0; i < steps; ++i) {
@@ -108,7 +100,7 @@ HeadMap head_map(const Capture& truth, const Capture& got, const std::vector<Vid
     const VecX<double> r = residuals(truth, all, map);
     const double px =
         truth.camera(0, 0).fx * std::sqrt(2 * r.squaredNorm() / static_cast<double>(r.size()));
-    std::printf("head frame     scale %.3f; landmarks %.1f px off, rms, in the video\n", map.scale,
+    std::printf("head frame     scale %.3f; landmarks %.1f px off, rms, in the video\n", map.size,
                 px);
     return map;
 }
@@ -137,7 +129,6 @@ Pinhole<double> camera_at(const Pinhole<double>& video, const std::array<double,
 
 ImportView view_of(const PosedHead& head, const Pinhole<double>& camera, const BelowNeck& below,
                    const std::string& name, int samples) {
-    constexpr std::array<std::uint8_t, 3> eye_values{0, 85, 170};
     const HeadPicture picture = head.picture(camera, samples);
     ImportView view;
     view.camera = name;
@@ -147,7 +138,7 @@ ImportView view_of(const PosedHead& head, const Pinhole<double>& camera, const B
     view.visible = plain_image(camera.width, camera.height, 255);
     view.eyes = plain_image(camera.width, camera.height, 0);
     for (std::size_t i = 0; i < view.mask.values.size(); ++i) {
-        view.eyes.values[i] = eye_values[picture.eye[i]];
+        if (picture.eye[i] > 0) view.eyes.values[i] = eye_mask_value(picture.eye[i] - 1);
         const auto width = static_cast<std::size_t>(camera.width);
         if (!below(static_cast<double>(i % width) + 0.5, static_cast<double>(i / width) + 0.5))
             continue;
@@ -164,11 +155,11 @@ Rigid<double> shrunk(Rigid<double> m, double scale) {
 }
 
 ImportHead head_of(const Capture& truth, const Capture& got, const VideoPair& p,
-                   const HeadMap& map) {
+                   const Similarity& map) {
     const CaptureFrame& frame = got.frames[static_cast<std::size_t>(p.got)];
     const CaptureFrame& right = truth.frames[static_cast<std::size_t>(p.truth)];
     const Rigid<double> head =
-        shrunk(compose(world_from_head(truth, p.truth), map.motion), map.scale);
+        shrunk(compose(world_from_head(truth, p.truth), map.motion), map.size);
     const Rigid<double> from_world = compose(head, world_from_head(got, p.got).inverse());
     ImportHead h;
     h.expression.assign(frame.expression.begin(), frame.expression.end());
@@ -181,10 +172,10 @@ ImportHead head_of(const Capture& truth, const Capture& got, const VideoPair& p,
         h.eyes[e].optical = map.motion.turn_back(right.eyes[e].optical);
         h.eyes[e].optical_world.reset();
         h.eyes[e].visual.reset();
-        h.eyes[e].centre = *right.eyes[e].centre / map.scale;
-        h.eyes[e].radius = *right.eyes[e].radius / map.scale;
-        h.eyes[e].limbus_radius = *right.eyes[e].limbus_radius / map.scale;
-        h.eyes[e].iris_plane = *right.eyes[e].iris_plane / map.scale;
+        h.eyes[e].centre = *right.eyes[e].centre / map.size;
+        h.eyes[e].radius = *right.eyes[e].radius / map.size;
+        h.eyes[e].limbus_radius = *right.eyes[e].limbus_radius / map.size;
+        h.eyes[e].iris_plane = *right.eyes[e].iris_plane / map.size;
     }
     return h;
 }
@@ -197,7 +188,7 @@ int run(const char* truth_folder, const char* model_file, const char* got_folder
     const auto square = video.at("video").at("square").get<std::array<double, 3>>();
     const HeadModel model = ict_head(model_file, made.at("seed").get<std::uint64_t>());
     const std::vector<VideoPair> pairs = pairs_of(truth, got);
-    const HeadMap map = head_map(truth, got, pairs);
+    const Similarity map = head_map(truth, got, pairs);
     constexpr std::array<double, 5> yaws{0, -45, -30, 30, 45};
     using Json = nlohmann::ordered_json;
     Json cameras = Json::array(), tests = Json::array(), train = Json::array();
@@ -233,7 +224,7 @@ int run(const char* truth_folder, const char* model_file, const char* got_folder
             const Pinhole<double> camera =
                 camera_at(truth.camera(p.truth, 0), square, got.width, yaws[k]);
             Pinhole<double> small = camera;
-            small.camera_from_world = shrunk(camera.camera_from_world, map.scale);
+            small.camera_from_world = shrunk(camera.camera_from_world, map.size);
             const BelowNeck below(world_from_imported, chin, small);
             frame.views.push_back(view_of(head, camera, below, "0" + std::to_string(k),
                                           made.at("samples_per_pixel").get<int>()));

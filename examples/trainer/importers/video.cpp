@@ -3,6 +3,7 @@
 /// (video_tools.hpp); camera, poses, landmarks, eyeballs and gazes follow from all pictures together
 /// (video_head.hpp). World and head frame: video_head.hpp. Expression: the tracker's coefficients.
 #include <algorithm>
+#include <optional>
 #include <set>
 
 #include <rye/capture/npz.hpp>
@@ -127,8 +128,7 @@ std::string words_of(const VideoGazes& gazes, const std::optional<DotClock>& clo
 
 void summarize(const Tracks& tracks, const VideoChoice& choice, const VideoHead& head,
                const VideoGazes& gazes, const std::optional<DotClock>& clock, const DotGazes& dots,
-               int left_out, const ImportOptions& o,
-               ImportSummary& s) {
+               int left_out, const ImportOptions& o, ImportSummary& s) {
     const auto percent = [](double x) { return factor_text(100 * x) + " %"; };
     s.found = {std::to_string(tracks.pictures.size()) + " tracked pictures of " +
                    std::to_string(tracks.width) + " x " + std::to_string(tracks.height) + " pixels",

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <span>
 
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
@@ -37,18 +36,30 @@ VecX<double> features(const TrackedPicture& p, const std::vector<std::string>& n
     return all;
 }
 
-/// Returns true if head or expression of a picture differ from all others'.
-bool is_new(const Tracks& tracks, int picture, std::span<const int> others) {
+/// The same of head and expression alone.
+VecX<double> without_look(VecX<double> features, const std::vector<std::string>& names) {
+    for (std::size_t k = 0; k < names.size(); ++k)
+        if (looks(names[k])) features[3 + static_cast<Index>(k)] = 0;
+    return features;
+}
+
+/// Returns those of the pictures whose head or expression differs from all preferred ones'.
+std::vector<int> new_ones(const Tracks& tracks, const std::vector<int>& pictures,
+                          const std::vector<int>& preferred) {
     constexpr double new_from = 2; // units
-    const auto without_look = [&](int i) {
-        VecX<double> x = features(tracks.pictures[static_cast<std::size_t>(i)], tracks.names);
-        for (std::size_t k = 0; k < tracks.names.size(); ++k)
-            if (looks(tracks.names[k])) x[3 + static_cast<Index>(k)] = 0;
-        return x;
+    const auto at = [&](int i) {
+        return without_look(features(tracks.pictures[static_cast<std::size_t>(i)], tracks.names), tracks.names);
     };
-    const VecX<double> own = without_look(picture);
-    return std::none_of(others.begin(), others.end(),
-                        [&](int i) { return (without_look(i) - own).norm() < new_from; });
+    std::vector<VecX<double>> known;
+    for (const int i : preferred) known.push_back(at(i));
+    std::vector<int> found;
+    for (const int i : pictures) {
+        const VecX<double> own = at(i);
+        if (std::none_of(known.begin(), known.end(),
+                         [&](const VecX<double>& x) { return (x - own).norm() < new_from; }))
+            found.push_back(i);
+    }
+    return found;
 }
 
 /// Returns `most` of the pictures: each is the one farthest from those before.
@@ -90,16 +101,14 @@ VideoChoice choose_pictures(const Tracks& tracks, int most,
         else if (const Wanted w = wanted(p); w == Wanted::no) ++c.unwanted;
         else (w == Wanted::preferred ? good : otherwise).push_back(static_cast<int>(i));
     }
-    const std::size_t preferred = good.size();
-    for (const int i : otherwise) {
-        if (is_new(tracks, i, {good.data(), preferred})) good.push_back(i);
-        else ++c.unwanted;
-    }
+    const std::vector<int> more = new_ones(tracks, otherwise, good);
+    c.unwanted += static_cast<int>(otherwise.size() - more.size());
+    good.insert(good.end(), more.begin(), more.end());
     std::sort(good.begin(), good.end());
     require(static_cast<int>(good.size()) >= least_pictures, "rye import video", "got ", good.size(),
             " pictures with one whole, sharp face of ", tracks.pictures.size(), " (", c.without_face,
             " without a face, ", c.with_several, " with several, ", c.at_border,
-            " with one cut off, ", c.blurred, " blurred), expected ", least_pictures, " or more");
+            " with one cut off, ", c.blurred, " blurred, ", c.unwanted, " not wanted), expected ", least_pictures, " or more");
     c.pictures = static_cast<int>(good.size()) > most ? most_different(tracks, good, most) : good;
     c.spare = static_cast<int>(good.size() - c.pictures.size());
     return c;
