@@ -3,9 +3,11 @@
 #include "training/process_ranks.hpp"
 
 #include <atomic>
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <mutex>
 #include <string>
 #include <thread>
 #include <vector>
@@ -103,6 +105,30 @@ TEST_CASE("ranks in processes: a rank that ends, ends those that wait, with its 
     CHECK(ended[0] == "a disk is full");
     CHECK(ended[1] == "rank 0 ended: a disk is full");
     CHECK(ended[2] == "rank 0 ended: a disk is full");
+}
+
+TEST_CASE("ranks: a wait that takes too long ends, though no rank has ended") {
+    ThreadMeeting meeting(2);
+    RanksInThreads ranks(ThreadGroup(meeting, 0));
+    std::mutex mutex;
+    std::string words;
+    const auto told = [&] {
+        const std::lock_guard<std::mutex> lock(mutex);
+        return words;
+    };
+    const auto end = [&](const std::string& reason) {
+        const std::lock_guard<std::mutex> lock(mutex);
+        words = reason;
+    };
+    const auto act = [](const std::string&) { CHECK(false); };
+    {
+        const RankWatch watch(ranks, act, {std::chrono::minutes(5), "too long"}, end);
+        std::this_thread::sleep_for(std::chrono::milliseconds(500));
+    }
+    CHECK(told().empty());
+    const RankWatch watch(ranks, act, {std::chrono::milliseconds(300), "too long"}, end);
+    while (told().empty()) std::this_thread::yield();
+    CHECK(told() == "too long");
 }
 
 TEST_CASE("ranks in processes: one without signs of life has ended, one that is done has not") {

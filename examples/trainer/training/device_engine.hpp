@@ -27,8 +27,14 @@ class CudaMachine {
     CudaMachine& operator=(const CudaMachine&) = delete;
     ~CudaMachine() { static_cast<void>(cudaStreamDestroy(stream_)); }
     CudaStream stream() const { return stream_; }
-    /// Returns this device's end of the group; waits for all ranks.
+    /// Returns this device's end of the group; waits for all ranks. NCCL waits for ever for ranks
+    /// that it does not find: the program ends after two minutes.
     static std::unique_ptr<DeviceRanks> join(Ranks& ranks) {
+        const RankWatch watch(
+            ranks, [](const std::string&) {},
+            {std::chrono::minutes(2),
+             "NCCL has not joined the ranks for 120 s; NCCL_DEBUG=INFO in the environment tells "
+             "what it waits for"});
         NcclId id;
         if (ranks.rank() == 0) id = NcclRanks::new_id();
         const std::string words = ranks.given(std::string(id.bytes, sizeof id.bytes));

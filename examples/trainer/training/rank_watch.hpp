@@ -17,13 +17,23 @@
 
 namespace rye::trainer {
 
+/// Time for something that waits for all ranks, though none has ended.
+struct RankLimit {
+    std::chrono::duration<double> most{}; ///< 0: none
+    std::string words;                    ///< what to say when it is over
+};
+
 /// Calls act(reason) once if another rank ends while it lives. If this rank still has not left a
 /// call that waits for others some seconds later, ends the program with the reason.
 class RankWatch {
   public:
-    /// `ranks` must outlive it.
-    RankWatch(Ranks& ranks, std::function<void(const std::string&)> act)
-        : thread_([this, &ranks, own = std::move(act)] { watch(ranks, own); }) {}
+    using Told = std::function<void(const std::string&)>;
+
+    /// `ranks` must outlive it. end(reason) ends the program, also when the limit is over.
+    RankWatch(Ranks& ranks, Told act, RankLimit limit = {}, Told end = end_program)
+        : limit_(std::move(limit)),
+          end_(std::move(end)),
+          thread_([this, &ranks, own = std::move(act)] { watch(ranks, own); }) {}
     RankWatch(const RankWatch&) = delete;
     RankWatch& operator=(const RankWatch&) = delete;
     ~RankWatch() {
@@ -36,7 +46,13 @@ class RankWatch {
     }
 
   private:
-    void watch(Ranks& ranks, const std::function<void(const std::string&)>& act) {
+    [[noreturn]] static void end_program(const std::string& reason) {
+        std::cerr << "rye train: " << reason << std::endl;
+        std::_Exit(1);
+    }
+
+    void watch(Ranks& ranks, const Told& act) {
+        const auto begin = std::chrono::steady_clock::now();
         const std::chrono::milliseconds between(200);
         const std::chrono::seconds patience(10); // with the silence of a process below 30 s
         std::unique_lock<std::mutex> lock(mutex_);
@@ -46,6 +62,9 @@ class RankWatch {
             if (done_.wait_for(lock, between, over)) return;
             lock.unlock();
             reason = ranks.ended();
+            const bool late = limit_.most.count() > 0 &&
+                              std::chrono::steady_clock::now() - begin > limit_.most;
+            if (reason.empty() && late) return end_(limit_.words);
             lock.lock();
         }
         // The act may hang as the rank itself does, in a library that waits for the one that ended.
@@ -57,10 +76,12 @@ class RankWatch {
             acting.join();
             return;
         }
-        std::cerr << "rye train: " << reason << std::endl;
-        std::_Exit(1);
+        acting.detach();
+        end_(reason);
     }
 
+    RankLimit limit_;
+    Told end_;
     std::mutex mutex_;
     std::condition_variable done_;
     bool over_ = false;
