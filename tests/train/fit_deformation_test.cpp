@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <rye/train/fit_deformation.hpp>
 
+#include <cmath>
+
 #include <doctest/doctest.h>
 
 #include <rye/backend/scalar.hpp>
+#include <rye/core/thread_pool.hpp>
 #include <rye/train/initialize.hpp>
 
 #include "../support/tiny_avatar.hpp"
@@ -59,6 +62,42 @@ TEST_CASE("the deformations fit the landmarks of all frames, and nothing else is
         if (!moves) CHECK_MESSAGE(now == old, name);
     }, mesh, once, before);
     CHECK(mesh.networks.exp_deform.weight.front() != before.networks.exp_deform.weight.front());
+}
+
+TEST_CASE("many landmarks are fitted in pieces, whose sum is the error of all, by any threads") {
+    Draw draw;
+    const AvatarConfig config = tiny_config();
+    Columns<double> landmarks(3, 2500); // three pieces
+    landmarks << tiny_landmarks(draw), draw.columns(3, 2500 - 66, 0.6);
+    const GuidanceMesh<double> before =
+        GuidanceMesh<double>::init(config, landmarks, Random{3, 0});
+    std::vector<MeshSample<double>> frames = frames_of(before);
+    frames.resize(1);
+    const LandmarkStage stage{config, tiny_roles(), true};
+    const auto deform = [&](const GuidanceMesh<double>& mesh) {
+        LandmarkTrace<double> trace;
+        return static_cast<double>(
+            landmark_losses(B{}, mesh, {stage, MeshLossConfig{}}, frames[0], trace).deform);
+    };
+    const auto fitted = [&](const auto& backend, int steps, double& left) {
+        GuidanceMesh<double> mesh = before;
+        left = fit_deformation<double>(backend, mesh, stage, frames,
+                                       {steps, 2, 5e-3, Random{1, 0}});
+        return mesh;
+    };
+    double first = 0, last = 0, same = 0;
+    fitted(B{}, 1, first);
+    CHECK(first == doctest::Approx(std::sqrt(deform(before))).epsilon(1e-12));
+    const GuidanceMesh<double> mesh = fitted(B{}, 30, last);
+    CHECK(last < 0.8 * first);
+    CHECK(std::sqrt(deform(mesh)) < last);
+    ThreadPool pool(3);
+    const GuidanceMesh<double> again =
+        fitted(ScalarBackend<ThreadPool::Handle>{pool.threads()}, 30, same);
+    CHECK(same == last);
+    GuidanceMesh<double>::fields(
+        [](const std::string& name, const auto& x, const auto& y) { CHECK_MESSAGE(x == y, name); },
+        mesh, again);
 }
 
 TEST_CASE("drivers that start at zero change nothing before training") {

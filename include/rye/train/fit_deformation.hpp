@@ -4,7 +4,9 @@
 /// frames (a blink) are fitted as well as common ones. Not in the paper: docs/deviations.md.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -28,21 +30,61 @@ struct DeformationFit {
 
 namespace detail {
 
-/// One frame of a step of the fit.
+/// Landmarks of one piece of a frame, at most. Pieces run side by side; each packs the networks'
+/// weights and holds a gradient of its own, which costs as much as a hundred landmarks.
+inline constexpr Index deformed_at_once = 1024;
+
+/// Returns the places of landmarks [begin, begin + count), as deform_landmarks reads them.
 template <class T, EffectSet E>
-struct DeformationTask {
+LandmarkPlaces<T, E> places_from(const LandmarkPlaces<T, E>& all, Index begin, Index count) {
+    LandmarkPlaces<T, E> part;
+    part.shifted = all.shifted.middleCols(begin, count);
+    part.code = all.code.middleCols(begin, count);
+    part.ones = all.ones.middleCols(begin, count);
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (skin_follows<E, eye>)
+            if (const Columns<T>& gaze = of_eye<eye>(all.weights.gaze); gaze.cols() > 0)
+                of_eye<eye>(part.weights.gaze) = gaze.middleCols(begin, count);
+    });
+    return part;
+}
+
+/// Returns the arrays of the networks that deform by expression and by gaze.
+template <class T, EffectSet E>
+std::vector<Columns<T>*> deformation_arrays(FaceNetworks<T, E>& networks) {
+    std::vector<Columns<T>*> arrays;
+    const auto add = [&](const std::string&, Columns<T>& a) { arrays.push_back(&a); };
+    if constexpr (has_effect<E, Expression>) NetworkOf<T, E>::fields(add, networks.exp_deform);
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (skin_follows<E, eye>)
+            NetworkOf<T, E>::fields(add, of_eye<eye>(networks.gaze_deform));
+    });
+    return arrays;
+}
+
+/// A frame of a step of the fit.
+template <class T, EffectSet E>
+struct FittedFrame {
+    MeshSample<T, E> made;                   ///< if it is mixed
+    const MeshSample<T, E>* shown = nullptr; ///< `made`, or one of the capture's
+    FrameCode<T, E> code;
+};
+
+/// A piece of such a frame.
+template <class T, EffectSet E>
+struct FittedPiece {
     FaceNetworks<T, E> grad;
+    std::vector<Columns<T>*> arrays; ///< of grad
     DeformedLandmarks<T, E> landmarks;
-    T squares = T(0); ///< mean square error of a landmark's coordinate
-    bool mixed = false;
+    T squares = T(0); ///< its share of the frame's mean square error of a coordinate
 };
 
 } // namespace detail
 
-/// Fits the deformations. `frames` need drivers and landmarks only. Frames of a step run in
-/// parallel, each on one thread, and are added in order. Returns the root mean square error of a
-/// landmark's coordinate in the last steps (as many as there are frames), canonical units, without
-/// mixed frames.
+/// Fits the deformations. `frames` need drivers and landmarks only. Pieces of the frames of a step
+/// run in parallel, each on one thread, and are added in order. Returns the root mean square error
+/// of a landmark's coordinate in the last steps (as many as there are frames), canonical units,
+/// without mixed frames.
 template <Real T, EffectSet E, Backend B>
 double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const LandmarkStage& stage,
                        const std::vector<MeshSample<T, E>>& frames, const DeformationFit& fit) {
@@ -50,8 +92,8 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
     const auto alone = one_thread(backend);
     const Columns<T>& neutral = mesh.landmarks;
     GeometryTrace<T> geometry;
-    LandmarkPlaces<T, E> places; // lattice and landmarks are fixed, so these are too
-    place_landmarks(backend, mesh, stage, geometry, places);
+    LandmarkPlaces<T, E> all; // lattice and landmarks are fixed, so these are too
+    place_landmarks(backend, mesh, stage, geometry, all);
     LandmarkRegression regression;
     if (fit.mixed > 0)
         regression = landmark_regression<T, E>(backend, {stage.config, neutral, neutral},
@@ -60,38 +102,69 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
     Networks& networks = mesh.networks;
     Adam<Networks> adam(networks);
     Networks grad = zeros_like(networks);
-    std::vector<detail::DeformationTask<T, E>> tasks(static_cast<std::size_t>(fit.batch));
-    for (auto& t : tasks) t.grad = grad;
-    const auto run = [&](int step, Index i) {
-        detail::DeformationTask<T, E>& t = tasks[static_cast<std::size_t>(i)];
-        const auto draw = static_cast<std::uint64_t>(step * fit.batch + i);
-        t.mixed = fit.mixed > 0 && mixes.uniform(draw) < fit.mixed;
-        const MeshSample<T, E> made = t.mixed ? mixed_frame(frames, regression, neutral,
-                                                            mixes.fork(draw))
-                                              : MeshSample<T, E>{};
-        const MeshSample<T, E>& frame =
-            t.mixed ? made
-                    : frames[static_cast<std::size_t>(
-                          fit.random.below(draw, static_cast<Index>(frames.size())))];
-        const FrameCode<T, E> code =
-            frame_code(stage.config, OpticalDrivers<T, E>(frame.drivers));
-        const LandmarkDeformation<T, E> at{networks, stage, places, code};
-        deform_landmarks(alone, at, t.landmarks);
-        const LossTerm<T> off = deformation_term<T>(t.landmarks.deformed, frame.landmarks);
-        t.squares = off.value;
-        Networks::fields([](const std::string&, auto& a) { a.setZero(); }, t.grad);
-        const Columns<T> g = T(1.0 / fit.batch) * off.gradient;
-        deform_landmarks_vjp<T, E>(alone, at, t.landmarks, g, {t.grad});
+
+    const Index count = neutral.cols();
+    const Index each = chunk_count(
+        count, std::max<Index>(1, chunk_count(count, detail::deformed_at_once)));
+    std::vector<LandmarkPlaces<T, E>> places;
+    for (Index begin = 0; begin < count; begin += each)
+        places.push_back(detail::places_from(all, begin, std::min(each, count - begin)));
+    const auto parts = static_cast<Index>(places.size());
+    std::vector<detail::FittedFrame<T, E>> shown(static_cast<std::size_t>(fit.batch));
+    std::vector<detail::FittedPiece<T, E>> pieces(shown.size() * places.size());
+    for (auto& p : pieces) {
+        p.grad = grad;
+        p.arrays = detail::deformation_arrays(p.grad);
+    }
+    std::vector<ArrayWork> sums;
+    for (std::size_t k = 0; Columns<T>* const sum : detail::deformation_arrays(grad)) {
+        sums.push_back({sum->size(), [&pieces, sum, k](Index b, Index e) {
+                            auto to = sum->reshaped().segment(b, e - b);
+                            to.setZero();
+                            for (const auto& p : pieces)
+                                to += p.arrays[k]->reshaped().segment(b, e - b);
+                        }});
+        ++k;
+    }
+    const auto draw = [&](int step, Index i) {
+        detail::FittedFrame<T, E>& f = shown[static_cast<std::size_t>(i)];
+        const auto number = static_cast<std::uint64_t>(step * fit.batch + i);
+        if (fit.mixed > 0 && mixes.uniform(number) < fit.mixed) {
+            f.made = mixed_frame(frames, regression, neutral, mixes.fork(number));
+            f.shown = &f.made;
+        } else {
+            f.shown = &frames[static_cast<std::size_t>(
+                fit.random.below(number, static_cast<Index>(frames.size())))];
+        }
+        f.code = frame_code(stage.config, OpticalDrivers<T, E>(f.shown->drivers));
     };
-    double squares = 0, count = 0;
+    const auto run = [&](Index i) {
+        const detail::FittedFrame<T, E>& f = shown[static_cast<std::size_t>(i / parts)];
+        const LandmarkPlaces<T, E>& own = places[static_cast<std::size_t>(i % parts)];
+        detail::FittedPiece<T, E>& p = pieces[static_cast<std::size_t>(i)];
+        const LandmarkDeformation<T, E> at{networks, stage, own, f.code};
+        deform_landmarks(alone, at, p.landmarks);
+        const Index size = own.shifted.cols();
+        const LossTerm<T> off = deformation_term<T>(
+            p.landmarks.deformed, f.shown->landmarks.middleCols(i % parts * each, size));
+        const T share = T(static_cast<double>(size) / static_cast<double>(count));
+        p.squares = share * off.value;
+        for (Columns<T>* const a : p.arrays) a->setZero();
+        const Columns<T> g = T(1.0 / fit.batch) * share * off.gradient;
+        deform_landmarks_vjp<T, E>(alone, at, p.landmarks, g, {p.grad});
+    };
+    double squares = 0, seen = 0;
     for (int step = 0; step < fit.steps; ++step) {
-        backend.threads.run(fit.batch, [&](Index i) { run(step, i); });
-        Networks::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
-        for (const auto& t : tasks) {
-            add_fields(grad, t.grad);
-            if (t.mixed || step < fit.steps - static_cast<int>(frames.size())) continue;
-            squares += static_cast<double>(t.squares);
-            ++count;
+        backend.threads.run(fit.batch, [&](Index i) { draw(step, i); });
+        backend.threads.run(static_cast<Index>(pieces.size()), run);
+        for_chunks(backend.threads, sums, 8192);
+        for (std::size_t i = 0; i < shown.size(); ++i) {
+            if (shown[i].shown == &shown[i].made ||
+                step < fit.steps - static_cast<int>(frames.size()))
+                continue;
+            for (std::size_t k = 0; k < places.size(); ++k)
+                squares += static_cast<double>(pieces[i * places.size() + k].squares);
+            ++seen;
         }
         const double rate = fit.rate * std::pow(0.05, static_cast<double>(step) / fit.steps);
         adam_step(backend, networks, grad, adam, [&](const std::string& name) {
@@ -99,7 +172,7 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
                        ? rate : 0.0;
         });
     }
-    return count > 0 ? std::sqrt(squares / count) : 0.0;
+    return seen > 0 ? std::sqrt(squares / seen) : 0.0;
 }
 
 } // namespace rye
