@@ -6,7 +6,9 @@
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <thread>
 #include <utility>
+#include <vector>
 
 #include <doctest/doctest.h>
 
@@ -138,6 +140,33 @@ TEST_CASE("capture: the cache keeps its budget, and a moved capture keeps its ca
     fs::remove(tiny.image(3, 2));
     CHECK(c.image(3, 2).at(24, 24)[0] == 132 / 255.0f); // still held
     CHECK(c.image(0, 0).at(24, 24)[0] == 100 / 255.0f);
+}
+
+TEST_CASE("capture: several threads may read one whose cache is too small for them") {
+    const TemporaryFolder folder;
+    const TinyCapture tiny(folder.path);
+    const Capture c = rye::read_capture(folder.path, ImageCache(48 * 48 * 4));
+    std::vector<std::string> wrong(8);
+    std::vector<std::thread> threads;
+    for (std::size_t t = 0; t < wrong.size(); ++t)
+        threads.emplace_back([&, t] {
+            for (std::size_t n = 0; n < 200; ++n) {
+                const int view = static_cast<int>((n * (t + 1) + t) % 12), f = view / 3, k = view % 3;
+                const auto expected = static_cast<float>(100 + 10 * f + k) / 255.0f;
+                if (c.image(f, k).at(24, 24)[0] != expected)
+                    wrong[t] += " " + std::to_string(view);
+                if (c.mask(f, k).width != 48) wrong[t] += " mask";
+            }
+        });
+    for (std::thread& t : threads) t.join();
+    for (const std::string& w : wrong) CHECK(w == "");
+    CHECK(c.pictures.bytes() <= 48 * 48 * 4);
+    // One that cannot be read is an error for each that reads it, and others go on.
+    const Capture broken = rye::read_capture(folder.path, ImageCache());
+    std::ofstream(tiny.image(2, 1)) << "none";
+    for (int round = 0; round < 2; ++round)
+        CHECK_THROWS_AS(static_cast<void>(broken.image(2, 1)), Error);
+    CHECK(broken.image(2, 0).at(24, 24)[0] == 120 / 255.0f);
 }
 
 TEST_CASE("capture: the headers alone read the same pixels") {

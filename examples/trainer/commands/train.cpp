@@ -92,15 +92,17 @@ void take_steps(const TrainOptions& o, TrainConfig& config) {
 class Trainer {
   public:
     /// on: device for stage 2; none: the CPU. ranks: null for one.
+    /// times: of what was done before.
     Trainer(const TrainOptions& options, std::optional<DeviceFacts> on, Capture capture,
-            TrainState state, Beginning beginning, Ranks* ranks)
+            TrainState state, TimeProbe times, Beginning beginning, Ranks* ranks)
         : options_(options),
           device_(std::move(on)),
           capture_(std::move(capture)),
           state_(std::move(state)),
           random_{state_.config.seed, 0},
           grid_(make_lattice(state_)),
-          ranks_(ranks) {
+          ranks_(ranks),
+          probe_(std::move(times)) {
         if (first_of(ranks)) folder_.emplace(options.out, state_, beginning, &capture_);
     }
 
@@ -144,15 +146,18 @@ class Trainer {
             if (!train_mesh()) return false;
             fit_to_landmarks();
         }
+        probe_.start();
         FoundLights lights;
         if (state_.config.highlights &&
             state_.config.gaze_mechanism == GazeMechanismName::rotation) {
             lights = find_lights(capture_, state_.subject);
             if (!quiet(options_))
                 for (const std::string& line : lights.lines()) std::cout << line << "\n";
+            probe_("lights on corneas");
         }
         const AvatarSize size = begin_avatar(state_, grid_, lights);
         save();
+        probe_("first avatar");
         if (!quiet(options_))
             std::cout << "stage 2 begins with " << size.face << " face and " << size.eyes
                       << " eye Gaussians\n";
@@ -244,7 +249,9 @@ class Trainer {
 
     void fit_to_landmarks() {
         if (state_.config.mesh.fit_steps == 0) return;
+        probe_.start();
         const FittedLandmarks left = fit_landmarks(state_, capture_);
+        probe_("fit to landmarks");
         log({{"stage", "mesh"},
              {"step", state_.step},
              {"landmark_rms", left.rms},
@@ -343,12 +350,14 @@ class Trainer {
         const Index total = draws.total();
         if (state_.step >= total) return true;
         require_room_on_device();
+        probe_.start();
         const StepShare share = share_of(state_.config, ranks_);
         const std::unique_ptr<DeviceSteps> steps =
             device_steps(state_, capture_, options_.perceptual_weights,
                          {ranks_,
                           options_.rank_sum == "tree" ? RankSum::tree : RankSum::library,
                           most_pictures_});
+        probe_("pictures to the device");
         TrainState copy = state_; // read by the thread; outlives it
         WorkBeside files("rye train");
         Progress progress("stage 2", total, quiet(options_));
@@ -464,8 +473,8 @@ class Trainer {
     double stated_ = 0, held_ = 0, taken_ = 0; ///< device memory of stage 2 [bytes]
 
   public:
-    /// Returns the parts of a step: name, calls, milliseconds per call, their median, share of the
-    /// time.
+    /// Returns the parts of the training: name, calls, milliseconds per call, their median, share of
+    /// the time.
     Json profile() const {
         double all = 0;
         for (const auto& [name, part] : probe_.parts()) all += part.seconds;
@@ -492,7 +501,7 @@ class Trainer {
 };
 
 void print_profile(const Json& parts) {
-    std::printf("%-22s %10s %10s %10s %7s\n", "part of a step", "calls", "ms a call", "median",
+    std::printf("%-22s %10s %10s %10s %7s\n", "part", "calls", "ms a call", "median",
                 "share");
     for (const Json& part : parts)
         std::printf("%-22s %10td %10.3f %10.3f %6.1f%%\n", part["part"].get<std::string>().c_str(),
@@ -607,16 +616,26 @@ struct Start {
     CameraFindings cameras;          ///< about cameras, which are corrected
     std::vector<std::string> expect; ///< warnings
     std::vector<std::string> words;  ///< lines about what the capture changes in the configuration
+    TimeProbe times;                 ///< of the corrections
 };
 
 /// Corrects what the configuration says of the capture's labels, cameras and colours.
 void correct(const TrainConfig& config, Start& s) {
     if (!s.capture.has_gaze()) return;
-    if (config.correct_cameras) s.cameras = correct_cameras(s.capture, config);
-    if (config.correct_labels) s.labels = correct_labels(s.capture, config);
-    if (config.correct_colours)
+    s.times.start();
+    if (config.correct_cameras) {
+        s.cameras = correct_cameras(s.capture, config);
+        s.times("cameras, corrected");
+    }
+    if (config.correct_labels) {
+        s.labels = correct_labels(s.capture, config);
+        s.times("labels, corrected");
+    }
+    if (config.correct_colours) {
         for (LabelFinding& f : correct_colours(s.capture, config))
             s.labels.all.push_back(std::move(f));
+        s.times("colours, corrected");
+    }
 }
 
 Start read_start(const TrainOptions& o) {
@@ -713,6 +732,7 @@ int train_as(const TrainOptions& o, Ranks* ranks) {
     std::optional<ViewedTraining> view;
     if (first && o.view >= 0) view.emplace(o.out, o.view);
     Trainer trainer(o, on.device, std::move(start.capture), std::move(start.state),
+                    std::move(start.times),
                     o.resume ? Beginning::resumed
                     : there  ? Beginning::replacing
                              : Beginning::fresh,
@@ -819,7 +839,7 @@ void add_train(CLI::App& app) {
         ->check(folder_check("the folder of a run in stage 2"));
     c->add_flag("--resume", options->resume, "Go on from the run's checkpoint, bit for bit");
     c->add_flag("--overwrite", options->overwrite, "Replace a run that is in --out");
-    c->add_flag("--profile", options->profile, "Print where a step's time went");
+    c->add_flag("--profile", options->profile, "Print where the time went");
     c->add_flag("--json", options->json,
                 "Print what was done, and the --profile, as JSON instead of progress");
     c->add_flag("--quiet", options->quiet, "No progress line");

@@ -4,10 +4,11 @@
 /// rye/capture/read_capture.hpp.
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
-#include <list>
-#include <map>
+#include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <rye/capture/capture.hpp>
@@ -26,31 +27,37 @@ using rye::eye_landmarks;
 using rye::ImageContent;
 using rye::Problem;
 
-/// Cache of decoded 8-bit images that evicts the least recently used first; a PictureReader.
-class ImageCache {
-public:
-    explicit ImageCache(std::size_t budget = std::size_t(1) << 30U) : budget_(budget) {}
-    ImageCache(ImageCache&&) = default;
-    ImageCache& operator=(ImageCache&&) = default;
+/// Image of a cache, which stays while it is held.
+class CachedImage {
+  public:
+    explicit CachedImage(std::shared_ptr<const Image8> image) : image_(std::move(image)) {}
+    operator const Image8&() const { return *image_; }
 
-    ImageHeader header(const std::filesystem::path& path) const { return read_image_header(path); }
-    /// Returns the image of `path` in `channels`, read unless cached; valid until the next call.
-    const Image8& read(const std::filesystem::path& path, int channels);
-    std::size_t bytes() const { return bytes_; }
-
-private:
-    struct Entry {
-        std::string key;
-        Image8 image;
-    };
-    std::size_t budget_;
-    std::size_t bytes_ = 0;
-    std::list<Entry> entries_;  // most recently used first
-    std::map<std::string, std::list<Entry>::iterator> by_key_;
+  private:
+    std::shared_ptr<const Image8> image_;
 };
 
-/// Capture whose images are decoded on demand and cached: not for concurrent use by several
-/// threads.
+/// Cache of decoded 8-bit images that evicts the least recently used first; a PictureReader that
+/// several threads may use.
+class ImageCache {
+  public:
+    explicit ImageCache(std::size_t budget = std::size_t(1) << 30U);
+    ImageCache(ImageCache&&) noexcept;
+    ImageCache& operator=(ImageCache&&) noexcept;
+    ~ImageCache();
+
+    ImageHeader header(const std::filesystem::path& path) const { return read_image_header(path); }
+    /// Returns the image of `path` in `channels`, read unless cached.
+    CachedImage read(const std::filesystem::path& path, int channels);
+    /// Returns the bytes of the images that are cached.
+    std::size_t bytes() const;
+
+  private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+/// Capture whose images are decoded on demand and cached. Several threads may read it.
 using Capture = CaptureOf<ImageCache>;
 
 /// Throws an Error if capture.json or the folder is not that of a capture.

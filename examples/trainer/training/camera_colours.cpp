@@ -11,6 +11,8 @@
 #include <rye/math/rotation.hpp>
 #include <rye/math/srgb.hpp>
 
+#include "data/threads.hpp"
+
 namespace rye::trainer {
 namespace {
 
@@ -78,12 +80,12 @@ std::vector<SeenColour> colours_of(const Capture& capture, int frame,
 /// Adds what two cameras or more see in a frame; its points follow those of other frames.
 void add_frame(const std::vector<SeenColour>& seen, std::size_t landmarks, std::size_t points,
                std::vector<Sample>& all) {
-    std::vector<int> cameras(landmarks, 0);
-    for (const SeenColour& s : seen) ++cameras[s.landmark];
-    for (std::size_t l = 0; l < landmarks; ++l)
-        for (const SeenColour& s : seen)
-            if (s.landmark == l && cameras[l] >= 2)
-                all.push_back({static_cast<std::size_t>(s.camera), points + l, s.colour});
+    std::vector<std::vector<Sample>> of(landmarks);
+    for (const SeenColour& s : seen)
+        of[s.landmark].push_back(
+            {static_cast<std::size_t>(s.camera), points + s.landmark, s.colour});
+    for (const std::vector<Sample>& l : of)
+        if (l.size() >= 2) all.insert(all.end(), l.begin(), l.end());
 }
 
 /// Returns the logarithms of gains, 3 x cameras, of mean 0, by robust least squares alternating
@@ -130,10 +132,16 @@ LabelFinding correct_cameras_colours(Capture& capture, const Vec3<double>& head_
     std::vector<Sample> all;
     std::size_t points = 0;
     const std::size_t n = capture.train.size(), taken = std::min(n, most_frames);
+    std::vector<std::vector<SeenColour>> seen(taken);
+    const auto frame_of = [&](std::size_t i) { return capture.train[i * n / taken]; };
+    program_threads().run(static_cast<Index>(taken), [&](Index i) {
+        const auto k = static_cast<std::size_t>(i);
+        seen[k] = colours_of(capture, frame_of(k), head_centre);
+    });
     for (std::size_t i = 0; i < taken; ++i) {
-        const int frame = capture.train[i * n / taken];
-        const auto landmarks = static_cast<std::size_t>(frame_landmarks(capture, frame).cols());
-        add_frame(colours_of(capture, frame, head_centre), landmarks, points, all);
+        const auto landmarks =
+            static_cast<std::size_t>(frame_landmarks(capture, frame_of(i)).cols());
+        add_frame(seen[i], landmarks, points, all);
         points += landmarks;
     }
     const Columns<double> gains = log_gains(all, points, capture.camera_count());
@@ -218,10 +226,15 @@ LabelFinding correct_exposures(Capture& capture, const Vec3<double>& head_centre
     // The same landmark in another camera is another point: its shine differs.
     const auto cameras = static_cast<std::size_t>(capture.camera_count());
     std::size_t points = 0;
-    for (int f = 0; f < capture.frame_count(); ++f)
-        for (const SeenColour& s : colours_of(capture, f, head_centre, stride)) {
+    std::vector<std::vector<SeenColour>> seen(static_cast<std::size_t>(capture.frame_count()));
+    program_threads().run(capture.frame_count(), [&](Index f) {
+        seen[static_cast<std::size_t>(f)] =
+            colours_of(capture, static_cast<int>(f), head_centre, stride);
+    });
+    for (std::size_t f = 0; f < seen.size(); ++f)
+        for (const SeenColour& s : seen[f]) {
             const std::size_t point = s.landmark * cameras + static_cast<std::size_t>(s.camera);
-            all.push_back({static_cast<std::size_t>(f), point, s.colour.mean(),
+            all.push_back({f, point, s.colour.mean(),
                            light_functions(s.out)});
             points = std::max(points, point + 1);
         }

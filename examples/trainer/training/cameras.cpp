@@ -15,6 +15,7 @@
 #include "data/degrees.hpp"
 #include "data/median.hpp"
 #include "data/samples.hpp"
+#include "data/threads.hpp"
 #include "training/camera_fit.hpp"
 #include "training/centre_errors.hpp"
 #include "training/draws.hpp"
@@ -116,7 +117,9 @@ class CameraCorrector {
     /// Finds the middles of lids, and of the eyes in the masks.
     void see_masks() {
         lids_.resize(3, 2 * static_cast<Index>(frames_.size()));
-        for (std::size_t i = 0; i < frames_.size(); ++i) {
+        std::vector<std::vector<SeenPoint>> seen(frames_.size());
+        program_threads().run(static_cast<Index>(frames_.size()), [&](Index frame_number) {
+            const auto i = static_cast<std::size_t>(frame_number);
             for (std::size_t e = 0; e < 2; ++e) {
                 Vec3<double> middle = Vec3<double>::Zero();
                 for (const int l : eye_landmarks(static_cast<int>(e)))
@@ -127,11 +130,14 @@ class CameraCorrector {
                 const CaptureView& view = c_.views[view_of(frames_[i], judged_[k])];
                 if (!view.present || view.eye_mask.empty()) continue;
                 const Image<float> mask = c_.eye_mask(frames_[i], static_cast<int>(judged_[k]));
-                for (std::size_t e = 0; e < 2; ++e) see_mask(i, k, e, mask);
+                for (std::size_t e = 0; e < 2; ++e)
+                    if (const auto middle = see_mask(i, k, e, mask)) seen[i].push_back(*middle);
             }
-        }
+        });
+        for (const std::vector<SeenPoint>& s : seen) masks_.insert(masks_.end(), s.begin(), s.end());
     }
-    void see_mask(std::size_t i, std::size_t k, std::size_t e, const Image<float>& mask) {
+    std::optional<SeenPoint> see_mask(std::size_t i, std::size_t k, std::size_t e,
+                                      const Image<float>& mask) const {
         Vec2<double> sum = Vec2<double>::Zero();
         int count = 0;
         for (int y = 0; y < mask.height; ++y)
@@ -140,7 +146,7 @@ class CameraCorrector {
                     sum += Vec2<double>(x + 0.5, y + 0.5);
                     ++count;
                 }
-        if (count < min_eye_pixels) return;
+        if (count < min_eye_pixels) return std::nullopt;
         std::array<Vec2<double>, 6> at;
         const auto lids = eye_landmarks(static_cast<int>(e));
         for (std::size_t l = 0; l < 6; ++l)
@@ -154,10 +160,10 @@ class CameraCorrector {
         }
         // The middle is elsewhere for closed eyes and eyes that the nose partly hides.
         const double shown = count / std::max(1.0, std::abs(area));
-        if (shown < 0.5 || shown > 2) return;
+        if (shown < 0.5 || shown > 2) return std::nullopt;
         constexpr double off = 0.3; // times the eye's width: masks say little compared with irises
-        masks_.push_back({static_cast<int>(k), point(i, e), sum / count,
-                          std::max(0.5, off * (at[3] - at[0]).norm())});
+        return SeenPoint{static_cast<int>(k), point(i, e), sum / count,
+                         std::max(0.5, off * (at[3] - at[0]).norm())};
     }
     static CameraPriors of_masks() {
         CameraPriors priors;

@@ -8,6 +8,7 @@
 #include <rye/capture/lpips_weights.hpp>
 #include <rye/train/density.hpp>
 
+#include "data/threads.hpp"
 #include "training/avatar_training.hpp"
 
 namespace rye::trainer {
@@ -29,11 +30,23 @@ class DeviceStepsOf final : public DeviceSteps {
     DeviceStepsOf(const TrainState& state, const Capture& capture, const DeviceTask& task)
         : engine_(device_engine<E>(own(state).first, own(state).second, task)),
           pictures_(task.share.count) {
+        std::vector<std::pair<int, int>> views;
         for (const int frame : capture.train)
             for (const int camera : present_cameras(capture, frame))
-                view_[{frame, camera}] =
-                    engine_->add(training_view(capture, state.config, frame, camera),
-                                 frame_drivers(capture, frame, state.config.gaze_axis));
+                views.emplace_back(frame, camera);
+        const auto at_once = static_cast<std::size_t>(4 * program_threads().size());
+        for (std::size_t begin = 0; begin < views.size(); begin += at_once) {
+            std::vector<TrainingView> read(std::min(at_once, views.size() - begin));
+            program_threads().run(static_cast<Index>(read.size()), [&](Index i) {
+                const auto k = static_cast<std::size_t>(i);
+                const auto [frame, camera] = views[begin + k];
+                read[k] = training_view(capture, state.config, frame, camera);
+            });
+            for (std::size_t k = 0; k < read.size(); ++k)
+                view_[views[begin + k]] = engine_->add(
+                    read[k],
+                    frame_drivers(capture, views[begin + k].first, state.config.gaze_axis));
+        }
     }
 
     StepReport run(TrainState& state, const std::vector<SampleDraw>& draws, bool ask) override {

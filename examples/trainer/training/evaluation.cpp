@@ -271,7 +271,6 @@ Evaluation::Measured Evaluation::measured(const MeasuredView& v, Renders shown) 
     const CaptureFrame& f = capture_.frames[static_cast<std::size_t>(v.frame)];
     const Pinhole<double>& view = capture_.camera(v.frame, v.camera);
     const Photograph photograph = [&] {
-        const std::lock_guard<std::mutex> lock(*reading_);
         Photograph p{{}, capture_.mask(v.frame, v.camera), capture_.eye_mask(v.frame, v.camera)};
         p.truth = on_background(capture_.image(v.frame, v.camera), p.mask, 1.0f);
         return p;

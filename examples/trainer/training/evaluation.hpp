@@ -12,7 +12,6 @@
 #include <cmath>
 #include <functional>
 #include <memory>
-#include <mutex>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -151,8 +150,6 @@ class Evaluation {
     const TrainState& state_;
     const Capture& capture_;
     PictureDistance lpips_;
-    /// Lock of the capture, whose images may be read by one thread at a time.
-    std::unique_ptr<std::mutex> reading_ = std::make_unique<std::mutex>();
 };
 
 } // namespace rye::trainer

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <mutex>
 
 #include <rye/autodiff/dual.hpp>
 #include <rye/avatar/eye_optics.hpp>
@@ -250,7 +249,6 @@ FoundLights find_lights(const Capture& capture, const Subject& subject) {
     const int views = capture.camera_count();
     std::vector<std::vector<MirroredPixel>> of_frame(frames);
     std::vector<int> looked(frames, 0);
-    std::mutex reading; // for the capture's pictures
     program_threads().run(static_cast<Index>(frames), [&](Index k) {
         const auto i = static_cast<std::size_t>(k);
         const int f = capture.train[i];
@@ -258,12 +256,7 @@ FoundLights find_lights(const Capture& capture, const Subject& subject) {
         for (int c = 0; c < views; ++c) {
             const CaptureView& view = capture.view(f, c);
             if (!view.present || view.eye_mask.empty()) continue;
-            Image<float> eyes, picture;
-            {
-                const std::lock_guard<std::mutex> lock(reading);
-                eyes = capture.eye_mask(f, c);
-                picture = capture.image(f, c);
-            }
+            const Image<float> eyes = capture.eye_mask(f, c), picture = capture.image(f, c);
             for (int e = 0; e < 2; ++e) {
                 const Columns<float> area = eyes.pixels.row(e);
                 if (!(area.maxCoeff() > 0.5F)) continue;

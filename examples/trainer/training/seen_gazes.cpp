@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <mutex>
 
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
@@ -69,7 +68,6 @@ std::vector<std::array<std::vector<SeenIris>, 2>>
 seen_irises(const Capture& capture, const std::vector<int>& frames,
             const std::vector<std::array<EyeballInHead, 2>>& balls, double area_error) {
     std::vector<std::array<std::vector<SeenIris>, 2>> all(frames.size());
-    std::mutex reading; // for the capture's pictures
     program_threads().run(static_cast<Index>(frames.size()), [&](Index k) {
         const auto i = static_cast<std::size_t>(k);
         const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frames[i])];
@@ -78,20 +76,13 @@ seen_irises(const Capture& capture, const std::vector<int>& frames,
         for (int c = 0; c < capture.camera_count(); ++c) {
             const CaptureView& view = capture.view(frames[i], c);
             if (!view.present || view.eye_mask.empty()) continue;
-            Image<float> eyes, picture;
-            {
-                const std::lock_guard<std::mutex> lock(reading);
-                eyes = capture.eye_mask(frames[i], c);
-            }
+            const Image<float> eyes = capture.eye_mask(frames[i], c);
             std::array<int, 2> pixels{};
             for (std::size_t e = 0; e < 2; ++e)
                 pixels[e] = usable_eye_pixels(
                     Columns<float>(eyes.pixels.row(static_cast<Index>(e))), eyes.width);
             if (std::max(pixels[0], pixels[1]) < min_eye_pixels) continue;
-            {
-                const std::lock_guard<std::mutex> lock(reading);
-                picture = capture.image(frames[i], c);
-            }
+            const Image<float> picture = capture.image(frames[i], c);
             for (std::size_t e = 0; e < 2; ++e) {
                 if (pixels[e] < min_eye_pixels) continue;
                 const EyeballInHead& b = balls[i][e];

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <array>
 
+#include "data/threads.hpp"
+
 namespace rye::trainer {
 namespace {
 
@@ -35,48 +37,48 @@ SkinPictures::SkinPictures(const Capture& capture, const std::vector<int>& frame
     : cameras_(cameras.size()) {
     const int smaller = (std::max(capture.width, capture.height) + largest - 1) / largest;
     scale_ = 1.0 / smaller;
-    for (const int frame : frames)
-        for (const std::size_t c : cameras) {
-            Picture p;
-            const auto camera = static_cast<int>(c);
-            if (capture.view(frame, camera).present) {
-                const Image<float> rgb = capture.image(frame, camera),
-                                   mask = capture.mask(frame, camera);
-                p.width = rgb.width / smaller;
-                p.height = rgb.height / smaller;
-                p.grey.assign(static_cast<std::size_t>(p.width * p.height), 0);
-                for (int y = 0; y < p.height; ++y)
-                    for (int x = 0; x < p.width; ++x) {
-                        float sum = 0;
-                        bool inside = true;
-                        for (int b = 0; b < smaller; ++b)
-                            for (int a = 0; a < smaller; ++a) {
-                                const int u = x * smaller + a, v = y * smaller + b;
-                                inside = inside && mask.at(u, v)[0] >= 0.98F;
-                                sum += rgb.at(u, v).head(3).mean();
-                            }
-                        p.grey[static_cast<std::size_t>(y * p.width + x)] =
-                            inside ? sum / static_cast<float>(smaller * smaller) : -1.0F;
+    pictures_.resize(frames.size() * cameras.size());
+    program_threads().run(static_cast<Index>(pictures_.size()), [&](Index i) {
+        const auto k = static_cast<std::size_t>(i);
+        const int frame = frames[k / cameras.size()];
+        const auto camera = static_cast<int>(cameras[k % cameras.size()]);
+        if (!capture.view(frame, camera).present) return;
+        const Image<float> rgb = capture.image(frame, camera), mask = capture.mask(frame, camera);
+        Picture& p = pictures_[k];
+        p.width = rgb.width / smaller;
+        p.height = rgb.height / smaller;
+        p.grey.assign(static_cast<std::size_t>(p.width * p.height), 0);
+        for (int y = 0; y < p.height; ++y)
+            for (int x = 0; x < p.width; ++x) {
+                float sum = 0;
+                bool inside = true;
+                for (int b = 0; b < smaller; ++b)
+                    for (int a = 0; a < smaller; ++a) {
+                        const int u = x * smaller + a, v = y * smaller + b;
+                        inside = inside && mask.at(u, v)[0] >= 0.98F;
+                        sum += rgb.at(u, v).head(3).mean();
                     }
-                blur(p.grey, p.width, p.height);
+                p.grey[static_cast<std::size_t>(y * p.width + x)] =
+                    inside ? sum / static_cast<float>(smaller * smaller) : -1.0F;
             }
-            pictures_.push_back(std::move(p));
-        }
+        blur(p.grey, p.width, p.height);
+    });
 }
 
 SkinPictures SkinPictures::coarser(int side) const {
-    SkinPictures out = *this;
     int largest = 0;
     for (const Picture& p : pictures_) largest = std::max({largest, p.width, p.height});
     const int block = std::max(1, (largest + side / 2) / side);
-    if (block == 1) return out;
-    out.scale_ = scale_ / block;
-    for (Picture& p : out.pictures_) {
-        const Picture from = p;
+    if (block == 1) return *this;
+    SkinPictures out(cameras_, scale_ / block);
+    out.pictures_.resize(pictures_.size());
+    program_threads().run(static_cast<Index>(pictures_.size()), [&](Index i) {
+        const Picture& from = pictures_[static_cast<std::size_t>(i)];
+        Picture& p = out.pictures_[static_cast<std::size_t>(i)];
         p.width = from.width / block;
         p.height = from.height / block;
         p.grey.assign(from.grey.empty() ? 0 : static_cast<std::size_t>(p.width * p.height), -1.0F);
-        if (from.grey.empty()) continue;
+        if (from.grey.empty()) return;
         for (int y = 0; y < p.height; ++y)
             for (int x = 0; x < p.width; ++x) {
                 float sum = 0;
@@ -93,7 +95,7 @@ SkinPictures SkinPictures::coarser(int side) const {
                         sum / static_cast<float>(block * block);
             }
         blur(p.grey, p.width, p.height);
-    }
+    });
     return out;
 }
 

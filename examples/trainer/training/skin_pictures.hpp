@@ -38,6 +38,8 @@ class SkinPictures {
     double scale() const { return scale_; }
 
   private:
+    SkinPictures(std::size_t cameras, double scale) : cameras_(cameras), scale_(scale) {}
+
     struct Picture {
         int width = 0, height = 0;
         std::vector<float> grey; ///< blurred; negative outside the head

@@ -10,6 +10,8 @@
 #include <rye/math/rotation.hpp>
 #include <rye/train/capture_subject.hpp>
 
+#include "data/threads.hpp"
+
 namespace rye::trainer {
 namespace {
 
@@ -42,9 +44,12 @@ SkinPositions::SkinPositions(const Capture& capture, const std::vector<int>& fra
 
 std::vector<SkinPositions::Sample>
 SkinPositions::samples(const std::vector<Pinhole<double>>& cameras) const {
-    std::vector<Sample> all;
-    std::size_t first = 0;
-    for (std::size_t i = 0; i < points_.size(); ++i) {
+    std::vector<std::size_t> first(1, 0);
+    for (const Columns<double>& p : points_)
+        first.push_back(first.back() + static_cast<std::size_t>(p.cols()));
+    std::vector<std::vector<Sample>> of_frame(points_.size());
+    program_threads().run(static_cast<Index>(points_.size()), [&](Index frame) {
+        const auto i = static_cast<std::size_t>(frame);
         for (std::size_t k = 0; k < cameras.size(); ++k) {
             if (!pictures_.has(i, k)) continue;
             const Vec3<double> eye = cameras[k].centre();
@@ -53,12 +58,13 @@ SkinPositions::samples(const std::vector<Pinhole<double>>& cameras) const {
                 if (outwards_[i].col(l).dot((eye - x).normalized()) < frontal_skin) continue;
                 if (const std::optional<SkinValue> v =
                         pictures_.value(i, k, cameras[k].project_point(x).head<2>()))
-                    all.push_back({k, first + static_cast<std::size_t>(l), v->at, v->slope,
-                                   v->grey});
+                    of_frame[i].push_back(
+                        {k, first[i] + static_cast<std::size_t>(l), v->at, v->slope, v->grey});
             }
         }
-        first += static_cast<std::size_t>(points_[i].cols());
-    }
+    });
+    std::vector<Sample> all;
+    for (const std::vector<Sample>& s : of_frame) all.insert(all.end(), s.begin(), s.end());
     return all;
 }
 

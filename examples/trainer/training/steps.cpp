@@ -97,13 +97,14 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid,
                         const FoundLights& lights) {
     const TrainConfig& config = state.config;
     const AvatarInit<float> init = avatar_init(state, grid);
+    const Random random = seed_of(state).fork(4);
+    const FacePoints<float> points =
+        face_points(train_backend(), state.mesh, config.avatar, init, random);
     state.avatar = restricted<TrainEffects>(
-        initialize_avatar(train_backend(), state.mesh, config.avatar, init, seed_of(state).fork(4)));
+        initialize_avatar(train_backend(), state.mesh, config.avatar, init, random, points));
     const AvatarSize size{state.avatar.face.position.cols(), state.avatar.eyes.position.cols()};
     Columns<float> normals;
-    if (config.shading != ShadingName::none)
-        normals = face_points(train_backend(), state.mesh, config.avatar, init,
-                              seed_of(state).fork(4)).normals();
+    if (config.shading != ShadingName::none) normals = points.normals();
     begin_parts(state.avatar, config, normals, seed_of(state).fork(11));
     if (config.gaze_mechanism == GazeMechanismName::rotation && config.gaussians.rates.delta_view > 0)
         state.avatar.delta_view = Columns<float>::Zero(6, state.view_directions.cols());

@@ -165,7 +165,7 @@ struct CaptureLabels {
 };
 
 /// Reads pictures: the size by a path, and pixels in 1 or 3 channels. read() may return a reference
-/// that holds until the next call.
+/// that holds until the next call, or something that converts to one while it lives.
 template <class P>
 concept PictureReader = requires(P& pictures, const std::filesystem::path& path) {
     { pictures.header(path) } -> std::convertible_to<ImageHeader>;
@@ -192,7 +192,7 @@ inline void take_out(const Vec3<double>& gains, Image<float>& rgb) {
 
 } // namespace detail
 
-/// Capture whose images are decoded on demand by P: not for concurrent use by several threads.
+/// Capture whose images are decoded on demand by P. Several threads may read it if they may read P.
 template <PictureReader P>
 struct CaptureOf : CaptureLabels {
     mutable P pictures{};
@@ -225,11 +225,13 @@ struct CaptureOf : CaptureLabels {
         const CaptureView& v = present_view(frame, camera);
         Image<float> eyes(width, height, 2);
         if (v.eye_mask.empty()) return eyes;
-        const Image8& labels = pictures.read(v.eye_mask, 1);
+        const auto& held = pictures.read(v.eye_mask, 1);
+        const Image8& labels = held;
         for (std::size_t i = 0; i < labels.values.size(); ++i) {
             const int value = labels.values[i];
-            require(value % 85 == 0, v.eye_mask.string(), "got the value ", value,
-                    ", expected 0 (none), 85 (left), 170 (right) or 255 (reserved)");
+            if (value % 85 != 0) // a string for each pixel would take most of the time
+                throw Error(v.eye_mask.string() + ": got the value " + std::to_string(value) +
+                            ", expected 0 (none), 85 (left), 170 (right) or 255 (reserved)");
             if (value == 85 || value == 170) eyes.pixels(value / 85 - 1, static_cast<Index>(i)) = 1;
         }
         return eyes;

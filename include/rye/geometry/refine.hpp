@@ -5,13 +5,25 @@
 #pragma once
 
 #include <algorithm>
-#include <map>
+#include <cstddef>
+#include <unordered_map>
 #include <utility>
 #include <vector>
 
 #include <rye/geometry/mesh.hpp>
 
 namespace rye {
+
+namespace detail {
+
+/// Hash of an edge, for maps whose order does not matter.
+struct EdgeHash {
+    std::size_t operator()(const Edge& e) const {
+        return static_cast<std::size_t>(e[0]) * 0x9E3779B1U + static_cast<std::size_t>(e[1]);
+    }
+};
+
+} // namespace detail
 
 /// Halves every edge longer than spacing(midpoint), up to `passes` times. `attributes` (D x V) are
 /// interpolated linearly. New vertices follow the old ones, in an order that depends on the faces'
@@ -20,7 +32,8 @@ template <Scalar T, class Spacing>
 void refine(TriangleMesh<T>& mesh, Columns<T>& attributes, Spacing&& spacing, int passes) {
     const auto at = [](Index i) { return static_cast<std::size_t>(i); };
     for (int pass = 0; pass < passes; ++pass) {
-        std::map<Edge, Index> middle;  // midpoints of halved edges (smaller, larger)
+        std::unordered_map<Edge, Index, detail::EdgeHash> middle; // of halved edges (smaller, larger)
+        middle.reserve(mesh.faces.size() * 3 / 2 + 1);
         std::vector<Edge> halved;
         const Index before = mesh.vertices.cols();
         const auto split = [&](Index a, Index b) -> Index {

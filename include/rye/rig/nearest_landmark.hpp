@@ -108,6 +108,19 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
 
 } // namespace detail
 
+/// Returns the nearest of these landmarks, 3 x K, to a point.
+template <class T>
+NearestSoFar<T> nearest_landmark(const Vec3<T>& point, const ColumnsView<T>& landmarks) {
+    NearestSoFar<T> best;
+    for (Index k = 0; k < landmarks.cols(); ++k)
+        best.offer(point[0] - landmarks(0, k), point[1] - landmarks(1, k),
+                   point[2] - landmarks(2, k), k);
+    if (best.which < 0)
+        best = detail::nearest_beyond_range<T>(
+            point, [&](Index k) { return Vec3<T>(landmarks.col(k)); }, landmarks.cols());
+    return best;
+}
+
 /// Returns the 1 x N squared distances of 3 x N points to the nearest of 3 x K landmarks, +inf if K
 /// = 0 or the point is not finite. `nearest`, unless null, receives the landmark's index, -1 for
 /// none; the lowest index wins a tie. Throws an Error if a landmark is not finite.
@@ -131,14 +144,7 @@ Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& poin
                                                 {squared.data(), indices});
         } else {
             for (Index i = begin; i < end; ++i) {
-                NearestSoFar<T> best;
-                for (Index k = 0; k < landmarks.cols(); ++k)
-                    best.offer(points(0, i) - landmarks(0, k), points(1, i) - landmarks(1, k),
-                               points(2, i) - landmarks(2, k), k);
-                if (best.which < 0)
-                    best = detail::nearest_beyond_range<T>(
-                        points.col(i), [&](Index k) { return Vec3<T>(landmarks.col(k)); },
-                        landmarks.cols());
+                const NearestSoFar<T> best = nearest_landmark<T>(points.col(i), landmarks);
                 if (indices) indices[i] = best.which;
                 squared(0, i) = best.squared;
             }

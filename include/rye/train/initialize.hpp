@@ -99,16 +99,15 @@ struct EdgeBound {
 
 /// Refines the neutral surface around eyes and lips, where a coarse one could neither open nor
 /// close.
-template <Real T, Backend B>
-void refine_at_landmarks(const B& backend, const Columns<T>& landmarks, const EdgeBound<T>& bound,
+template <Real T>
+void refine_at_landmarks(const Columns<T>& landmarks, const EdgeBound<T>& bound,
                          TriangleMesh<T>& mesh, Columns<T>& feature) {
     constexpr int passes = 6;  // 1/64 of the longest edge
     refine(
         mesh, feature,
         [&](const Vec3<T>& x) -> T {
-            const Columns<T> d2 =
-                nearest_squared_distance<T>(backend, Columns<T>(x), landmarks, nullptr);
-            return bound.spacing + bound.slope * std::sqrt(d2(0, 0));
+            return bound.spacing +
+                   bound.slope * std::sqrt(nearest_landmark<T>(x, landmarks).squared);
         },
         passes);
 }
@@ -166,7 +165,7 @@ FacePoints<T> face_points(const B& backend, const GuidanceMesh<T, E>& mesh,
         {eyeball_template<T>(init.eyeball[0]), eyeball_template<T>(init.eyeball[1])}};
     // Eyes and lips are landmarks 36 to 47 and 48 to 65 of GHA's numbering.
     if (init.spacing > T(0))
-        refine_at_landmarks<T>(backend, mesh.landmarks.middleCols(36, 30),
+        refine_at_landmarks<T>(mesh.landmarks.middleCols(36, 30),
                                {init.spacing, init.spacing_slope}, points.surface, points.feature);
     for (Index eye = 0; eye < 2; ++eye)
         leave_eyeball<T>(points.eyeball[static_cast<std::size_t>(eye)].points,
@@ -186,12 +185,12 @@ void flatten(const Columns<T>& normals, Index count, std::type_identity_t<T> thi
         face.rotation.col(i) = shortest_arc(Vec3<T>(0, 0, 1), Vec3<T>(normals.col(i)));
 }
 
-/// Returns the initial avatar of stage 2. Throws an Error if the guidance mesh has no surface.
+/// Returns the initial avatar of stage 2, with the points that face_points returns for the same
+/// arguments.
 template <Real T, EffectSet E, Backend B>
 TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& mesh,
                                   const AvatarConfig& config, const AvatarInit<T, E>& init,
-                                  const Random& random) {
-    const FacePoints<T> points_of_face = face_points(backend, mesh, config, init, random);
+                                  const Random& random, const FacePoints<T>& points_of_face) {
     const Columns<T>& surface = points_of_face.surface.vertices;
     const Columns<T>& feature = points_of_face.feature;
     const std::array<EyeballTemplate<T>, 2>& eyeball = points_of_face.eyeball;
@@ -264,6 +263,15 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     if constexpr (has_effect<E, HeadShading>)
         a.shading = initial_shading<T>(points_of_face.normals());
     return a;
+}
+
+/// Returns the initial avatar of stage 2. Throws an Error if the guidance mesh has no surface.
+template <Real T, EffectSet E, Backend B>
+TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& mesh,
+                                  const AvatarConfig& config, const AvatarInit<T, E>& init,
+                                  const Random& random) {
+    return initialize_avatar(backend, mesh, config, init, random,
+                             face_points(backend, mesh, config, init, random));
 }
 
 } // namespace rye
