@@ -170,7 +170,7 @@ std::vector<Step> steps_of(const AvatarOptions& o, const std::string& preset) {
     for (const auto& [name, value] : std::vector<std::pair<std::string, std::string>>{
              {"--out", capture.string()},
              {"--size", std::to_string(size)},
-             {"--every", std::to_string(o.video.every)},
+             {"--every", o.video.every > 0 ? std::to_string(o.video.every) : ""},
              {"--frames", std::to_string(o.video.frames)},
              {"--focal", o.video.focal > 0 ? number(o.video.focal) : ""},
              {"--iris-mm", number(o.video.iris_mm)},

@@ -12,9 +12,11 @@ void add_video_options(CLI::App& command, VideoImport& video) {
         .add_option("FILE", video.files,
                     "Videos of one head by one camera, or folders of their tracks")
         ->required();
-    command.add_option("--every", video.every, "Track every so many-th picture")
-        ->check(from_to(1, 10000))
-        ->capture_default_str();
+    command
+        .add_option("--every", video.every,
+                    "Track every so many-th picture; default: every third, or fewer of a long video, "
+                    "so that 1500 are tracked at most")
+        ->check(from_to(1, 10000));
     command
         .add_option("--frames", video.frames,
                     "Most frames of the capture: the most different pictures")

@@ -30,7 +30,7 @@ struct VideoImport {
     std::vector<std::filesystem::path> files; ///< videos, or folders of their tracks
     std::filesystem::path modules, landmarker, tracker; ///< video_tools.hpp
     std::filesystem::path dots; ///< that were looked at in the first video (data/gaze_dots.hpp), or empty
-    int every = 3;       ///< which pictures of the video are tracked
+    int every = 0;       ///< which pictures of a video are tracked; 0: chosen by their number
     int frames = 120;    ///< most frames of the capture
     int size = 512;      ///< most pixels of a side of its pictures
     double focal = 0;    ///< focal length in pixels of the tracked pictures; 0: found

@@ -3,6 +3,7 @@
 /// (video_tools.hpp); camera, poses, landmarks, eyeballs and gazes follow from all pictures together
 /// (video_head.hpp). World and head frame: video_head.hpp. Expression: the tracker's coefficients.
 #include <algorithm>
+#include <cstdlib>
 #include <optional>
 #include <set>
 
@@ -130,8 +131,11 @@ void summarize(const Tracks& tracks, const VideoChoice& choice, const VideoHead&
                const VideoGazes& gazes, const std::optional<DotClock>& clock, const DotGazes& dots,
                int left_out, const ImportOptions& o, ImportSummary& s) {
     const auto percent = [](double x) { return factor_text(100 * x) + " %"; };
-    s.found = {std::to_string(tracks.pictures.size()) + " tracked pictures of " +
-                   std::to_string(tracks.width) + " x " + std::to_string(tracks.height) + " pixels",
+    const std::vector<TrackedPicture>& all = tracks.pictures;
+    const int step = all.size() > 1 ? std::abs(all[1].number - all[0].number) : 1;
+    s.found = {std::to_string(all.size()) + " tracked pictures of " + std::to_string(tracks.width) +
+                   " x " + std::to_string(tracks.height) + " pixels" +
+                   (step > 3 ? ", every " + std::to_string(step) + "th of the video (--every)" : ""),
                std::to_string(head.drivers.size()) + " expression coefficients of the tracker"};
     s.derived = {
         std::string("focal length ") + factor_text(head.camera.fx) + " px, " +

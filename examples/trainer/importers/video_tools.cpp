@@ -18,6 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int largest_side = 1920;
+constexpr std::size_t most_pictures = 1500; ///< that are tracked of one video, if nobody says how many
 
 fs::path first_of(const fs::path& option, const char* variable, const fs::path& otherwise) {
     if (!option.empty()) return option;
@@ -55,7 +56,11 @@ std::vector<double> picture_times(const VideoTools& tools, const fs::path& video
 }
 
 /// Takes the pictures out of a video, then lists them in frames.jsonl.
-void extract(const VideoTools& tools, const fs::path& video, int every, const fs::path& folder) {
+void extract(const VideoTools& tools, const fs::path& video, int wanted, const fs::path& folder) {
+    const std::vector<double> times = picture_times(tools, video);
+    const int every =
+        wanted > 0 ? wanted
+                   : std::max(3, static_cast<int>((times.size() + most_pictures - 1) / most_pictures));
     const fs::path frames = folder / "frames";
     fs::remove_all(frames); // of an interrupted run
     fs::create_directories(frames);
@@ -75,7 +80,6 @@ void extract(const VideoTools& tools, const fs::path& video, int every, const fs
     said = said.substr(said.find_last_of('\n') + 1); // its last line
     require(end.code == 0 && !names.empty(), video.string(), "ffmpeg reads no pictures of it: ",
             said.empty() ? "no video stream" : said, "; is the file whole, and a video?");
-    const std::vector<double> times = picture_times(tools, video);
     std::string list;
     for (std::size_t i = 0; i < names.size(); ++i) {
         const std::size_t number = i * static_cast<std::size_t>(every);

@@ -25,8 +25,9 @@ struct VideoTools {
 /// it. The browser is $CHROMIUM, else chromium, chromium-browser or google-chrome of PATH.
 VideoTools find_video_tools(const VideoToolOptions& options);
 
-/// Writes the tracks of a video to a folder: every `every`-th picture, at most 1920 pixels a side, in
-/// frames/ and frames.jsonl, and what track.js finds in them. What is there already is kept. Calls
+/// Writes the tracks of a video to a folder: every `every`-th picture (0: every third, or fewer, so
+/// that there are at most 1500), at most 1920 pixels a side, in frames/ and frames.jsonl, and what
+/// track.js finds in them. What is there already is kept. Calls
 /// progress(done, of) after each picture. Throws an Error for a file that ffmpeg does not read, and
 /// with what the tracker says.
 void track_video(const VideoTools& tools, const std::filesystem::path& video, int every,
