@@ -5,6 +5,7 @@
 # under "What to install", then `rye avatar VIDEO`, and prints the seconds of each step. A system that
 # cannot be had is named. From the environment:
 #   RYE_FACE_LANDMARKER   the tracker's model, where it cannot be fetched as the page says
+#   NODE_EXTRA_CA_CERTS   certificates that this network asks for; npm in there takes them, too
 #   PRESET                of the training (tiny)
 set -eu
 [ $# -ge 3 ] || { echo "video_bare.sh: expected ARCHIVE VIDEO WORK [SUITE...]" >&2; exit 2; }
@@ -15,6 +16,8 @@ cp "$1" "$work/carried/programs.tar.gz"
 cp "$2" "$work/carried/head.mp4"
 rm -f "$work/carried/face_landmarker.task"
 [ -z "${RYE_FACE_LANDMARKER:-}" ] || cp "$RYE_FACE_LANDMARKER" "$work/carried/face_landmarker.task"
+rm -f "$work/carried/certificates.crt"
+[ ! -f "${NODE_EXTRA_CA_CERTS:-}" ] || cp "$NODE_EXTRA_CA_CERTS" "$work/carried/certificates.crt"
 cat > "$work/carried/user.sh" << 'END'
 set -eu
 echo 'APT::Get::Assume-Yes "true";' > /etc/apt/apt.conf.d/90yes
@@ -32,6 +35,9 @@ if [ -e /rye/carried/carried/face_landmarker.task ]; then
     grep -v '^curl ' install.sh > less.sh
     mv less.sh install.sh
     cp /rye/carried/carried/face_landmarker.task .
+fi
+if [ -e /rye/carried/carried/certificates.crt ]; then
+    export NODE_EXTRA_CA_CERTS=/rye/carried/carried/certificates.crt
 fi
 cat install.sh
 apt-get update > update.txt 2>&1 || { tail -n 3 update.txt; exit 77; }
