@@ -37,7 +37,7 @@ if [ -e /rye/carried/carried/face_landmarker.task ]; then
     cp /rye/carried/carried/face_landmarker.task .
 fi
 if [ -e /rye/carried/carried/certificates.crt ]; then
-    export NODE_EXTRA_CA_CERTS=/rye/carried/carried/certificates.crt
+    export npm_config_cafile=/rye/carried/carried/certificates.crt
 fi
 cat install.sh
 apt-get update > update.txt 2>&1 || { tail -n 3 update.txt; exit 77; }
