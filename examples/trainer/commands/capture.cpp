@@ -29,6 +29,7 @@ struct Options {
     fs::path out, model, video, dots;
     double dots_begin = 0;
     int threads = 0;
+    bool auto_exposure = false; ///< of the video
     bool overwrite = false, quiet = false;
 };
 
@@ -91,7 +92,7 @@ void run(const Options& o) {
                         left_words(seconds(), done, of).c_str(), terminal && done != of ? "" : "\n");
             std::fflush(stdout);
         });
-        if (!o.video.empty()) write_film(unfinished, scene, film.rate, o.video);
+        if (!o.video.empty()) write_film(unfinished, scene, {film.rate, o.auto_exposure}, o.video);
         publish(unfinished, o.out);
     } catch (...) {
         std::error_code ignored;
@@ -142,6 +143,9 @@ void add_capture(CLI::App& app) {
     c->add_option("--turn", o->film.turn_deg, "Angle by which the head turns to both sides [deg]")
         ->needs(video)
         ->capture_default_str();
+    c->add_flag("--auto-exposure", o->auto_exposure,
+                "The video's brightness follows the picture, as a phone's does")
+        ->needs(video);
     c->add_option("--dots", o->dots,
                   "CSV of dots on a screen that the eyes look at (docs/gaze_dots.html)")
         ->needs(video);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <memory>
 
+#include "data/auto_exposure.hpp"
 #include "data/film_encoder.hpp"
 #include "data/moving_picture.hpp"
 #include "data/picture.hpp"
@@ -35,7 +36,7 @@ void check_film(const fs::path& file) {
     if (extension_of(file) != ".y4m") require_ffmpeg(file);
 }
 
-void write_film(const fs::path& capture, const CaptureScene& scene, int rate,
+void write_film(const fs::path& capture, const CaptureScene& scene, const FilmSettings& settings,
                 const fs::path& file) {
     check_film(file);
     const bool plain = extension_of(file) == ".y4m";
@@ -43,14 +44,16 @@ void write_film(const fs::path& capture, const CaptureScene& scene, int rate,
     if (!plain) pictures += ".y4m";
     {
         const std::unique_ptr<MovingPicture> video =
-            moving_picture(pictures, OutFormat::y4m, {rate, 1},
+            moving_picture(pictures, OutFormat::y4m, {settings.rate, 1},
                            static_cast<int>(scene.frames.size()));
         const std::string camera = scene.cameras.front().id;
+        AutoExposure exposure(settings.rate);
         for (const SceneFrame& f : scene.frames) {
             const fs::path images = capture / "images" / f.id;
             Image8 picture = read_image8(images / ("image_" + camera +
                                                    (scene.settings.png ? ".png" : ".jpg")), 3);
             put_before_wall(picture, read_image8(images / ("mask_" + camera + ".png"), 1));
+            if (settings.auto_exposure) exposure.expose(picture);
             video->add(picture);
         }
         video->finish();
