@@ -62,8 +62,8 @@ class RankWatch {
             if (done_.wait_for(lock, between, over)) return;
             lock.unlock();
             reason = ranks.ended();
-            const bool late = limit_.most.count() > 0 &&
-                              std::chrono::steady_clock::now() - begin > limit_.most;
+            const bool late =
+                limit_.most.count() > 0 && std::chrono::steady_clock::now() - begin > limit_.most;
             if (reason.empty() && late) return end_(limit_.words);
             lock.lock();
         }

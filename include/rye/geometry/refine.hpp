@@ -32,7 +32,8 @@ template <Scalar T, class Spacing>
 void refine(TriangleMesh<T>& mesh, Columns<T>& attributes, Spacing&& spacing, int passes) {
     const auto at = [](Index i) { return static_cast<std::size_t>(i); };
     for (int pass = 0; pass < passes; ++pass) {
-        std::unordered_map<Edge, Index, detail::EdgeHash> middle; // of halved edges (smaller, larger)
+        // Midpoints of edges (smaller, larger); -1 for those that are not halved.
+        std::unordered_map<Edge, Index, detail::EdgeHash> middle;
         middle.reserve(mesh.faces.size() * 3 / 2 + 1);
         std::vector<Edge> halved;
         const Index before = mesh.vertices.cols();
