@@ -91,8 +91,7 @@ void take_steps(const TrainOptions& o, TrainConfig& config) {
 /// Trainer of one run.
 class Trainer {
   public:
-    /// on: device for stage 2; none: the CPU. ranks: null for one.
-    /// times: of what was done before.
+    /// on: device for stage 2; none: the CPU. times: of what was done before. ranks: null for one.
     Trainer(const TrainOptions& options, std::optional<DeviceFacts> on, Capture capture,
             TrainState state, TimeProbe times, Beginning beginning, Ranks* ranks)
         : options_(options),
@@ -501,8 +500,7 @@ class Trainer {
 };
 
 void print_profile(const Json& parts) {
-    std::printf("%-22s %10s %10s %10s %7s\n", "part", "calls", "ms a call", "median",
-                "share");
+    std::printf("%-22s %10s %10s %10s %7s\n", "part", "calls", "ms a call", "median", "share");
     for (const Json& part : parts)
         std::printf("%-22s %10td %10.3f %10.3f %6.1f%%\n", part["part"].get<std::string>().c_str(),
                     part["calls"].get<std::ptrdiff_t>(), part["ms"].get<double>(), part["median_ms"].get<double>(),
@@ -625,16 +623,16 @@ void correct(const TrainConfig& config, Start& s) {
     s.times.start();
     if (config.correct_cameras) {
         s.cameras = correct_cameras(s.capture, config);
-        s.times("cameras, corrected");
+        s.times("camera correction");
     }
     if (config.correct_labels) {
         s.labels = correct_labels(s.capture, config);
-        s.times("labels, corrected");
+        s.times("label correction");
     }
     if (config.correct_colours) {
         for (LabelFinding& f : correct_colours(s.capture, config))
             s.labels.all.push_back(std::move(f));
-        s.times("colours, corrected");
+        s.times("colour correction");
     }
 }
 

@@ -135,7 +135,7 @@ void summarize(const Tracks& tracks, const VideoChoice& choice, const VideoHead&
     const int step = all.size() > 1 ? std::abs(all[1].number - all[0].number) : 1;
     s.found = {std::to_string(all.size()) + " tracked pictures of " + std::to_string(tracks.width) +
                    " x " + std::to_string(tracks.height) + " pixels" +
-                   (step > 3 ? ", every " + std::to_string(step) + "th of the video (--every)" : ""),
+                   (step > 3 ? ", one in " + std::to_string(step) + " of the video's (--every)" : ""),
                std::to_string(head.drivers.size()) + " expression coefficients of the tracker"};
     s.derived = {
         std::string("focal length ") + factor_text(head.camera.fx) + " px, " +

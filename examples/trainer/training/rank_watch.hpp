@@ -17,7 +17,7 @@
 
 namespace rye::trainer {
 
-/// Time for something that waits for all ranks, though none has ended.
+/// How long ranks may take for something that they do together, such as joining NCCL.
 struct RankLimit {
     std::chrono::duration<double> most{}; ///< 0: none
     std::string words;                    ///< what to say when it is over

@@ -108,7 +108,8 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
 
 } // namespace detail
 
-/// Returns the nearest of these landmarks, 3 x K, to a point.
+/// Returns the nearest of these landmarks, 3 x K, to a point; the lowest index wins a tie. Its
+/// index is -1 if K = 0 or the point is not finite.
 template <class T>
 NearestSoFar<T> nearest_landmark(const Vec3<T>& point, const ColumnsView<T>& landmarks) {
     NearestSoFar<T> best;

@@ -31,7 +31,7 @@ struct DeformationFit {
 namespace detail {
 
 /// Landmarks of one piece of a frame, at most. Pieces run side by side; each packs the networks'
-/// weights and holds a gradient of its own, which costs as much as a hundred landmarks.
+/// weights and holds a gradient of its own, which costs as much as about 40 landmarks.
 inline constexpr Index deformed_at_once = 192;
 
 /// Returns the places of landmarks [begin, begin + count), as deform_landmarks reads them.
