@@ -5,13 +5,14 @@
 #include <doctest/doctest.h>
 
 #include <cmath>
+#include <limits>
 #include <map>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include <rye/avatar/cuda/offload.hpp>
-#include <rye/train/fit_deformation.hpp>
+#include <rye/train/cuda/fit_deformation.hpp>
 
 #include "../support/tiny_mesh.hpp"
 #include "device_render.hpp"
@@ -166,6 +167,54 @@ void mesh_training_against_host(const Device& device, const CudaQueue& queue, St
             CHECK(relative(x, y) < bound);
         },
         there, here);
+}
+
+/// The landmarks' fit on a device ends near the host's, for steps that are sent in two parts, and
+/// moves no other array.
+template <class Tiles, class Device>
+void fit_against_host(const Device& device, const CudaQueue& queue, double bound,
+                      bool follow_gaze = true) {
+    const AvatarConfig config = tiny_config();
+    const ScalarBackend<> host;
+    std::vector<MeshSample<float>> frames(5, tiny_sample<float>());
+    Draw draw{{4, 0}};
+    for (MeshSample<float>& f : frames) {
+        f.drivers.expression = draw.columns(3, 1, 0.8).template cast<float>();
+        f.landmarks.row(1).array() += 0.2F * f.drivers.expression[0];
+    }
+    const LandmarkStage stage{config, tiny_roles(), follow_gaze};
+    DeformationFit fit{35, 2, 2e-3, Random(5)};
+    fit.mixed = 0.4;
+    const GuidanceMesh<float> before = rounded_mesh<float>();
+    GuidanceMesh<float> there = before, here = before;
+    using Fit = DeviceDeformationFit<PaperEffects, Device, Tiles>;
+    REQUIRE(Fit::fits(there));
+    CHECK(!DeviceDeformationFit<PaperEffects, Device, MlpTiles<2, 32, 0>>::fits(there));
+    const double left_there =
+                     fit_deformation_on<Tiles>(device, queue, host, there, stage, frames, fit),
+                 left_here = fit_deformation(host, here, stage, frames, fit);
+    CHECK(std::abs(left_there - left_here) < bound * left_here);
+    GuidanceMesh<float>::fields(
+        [&](const std::string& name, const auto& x, const auto& y, const auto& old) {
+            CAPTURE(name);
+            if (y == old)
+                CHECK(x == old);
+            else
+                CHECK(double((x - y).norm()) < bound * double((y - old).norm()));
+        },
+        there, here, before);
+    GuidanceMesh<float> again = before;
+    CHECK(fit_deformation_on<Tiles>(device, queue, host, again, stage, frames, fit) == left_there);
+    GuidanceMesh<float>::fields([](const std::string& name, const auto& x,
+                                   const auto& y) { CHECK_MESSAGE(x == y, name); },
+                                there, again);
+    frames[1].landmarks(0, 0) = std::numeric_limits<float>::quiet_NaN();
+    fit.mixed = 0;
+    fit.steps = 4;
+    again = before;
+    fit_deformation_on<Tiles>(device, queue, host, again, stage, frames, fit);
+    GuidanceMesh<float>::fields(
+        [](const std::string& name, const auto& x) { CHECK_MESSAGE(x.allFinite(), name); }, again);
 }
 
 } // namespace rye::test

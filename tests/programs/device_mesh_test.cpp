@@ -45,7 +45,33 @@ double apart(const StepReport& a, const StepReport& b, const TrainState& s, cons
     return gap;
 }
 
+/// Fits `mesh` to landmarks that expressions lift, on a device or the host; returns what is left.
+double fitted(MeshNetworks* networks, int steps, Mesh& mesh) {
+    const TrainState state = tiny_state();
+    std::vector<MeshSample<float>> frames(3, tiny_sample<float>());
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+        frames[i].drivers.expression[0] = 0.4F * static_cast<float>(i);
+        frames[i].landmarks.row(1).array() += 0.1F * static_cast<float>(i);
+    }
+    const LandmarkStage stage{state.config.avatar, state.subject.roles, true};
+    const DeformationFit fit{steps, 2, 2e-3, Random(5)};
+    mesh = state.mesh;
+    if (networks == nullptr) return fit_deformation(train_backend(), mesh, stage, frames, fit);
+    return networks->fit(program_threads(), mesh, stage, frames, fit).value();
+}
+
 } // namespace
+
+TEST_CASE("the fit to landmarks on a device ends as on the host, if its tiles have room") {
+    Emulated networks(EmulatedDevice{}, nullptr);
+    Mesh here, there;
+    const double left_here = fitted(nullptr, 3, here), left_there = fitted(&networks, 3, there);
+    CHECK(left_there == doctest::Approx(left_here).epsilon(1e-3));
+    CHECK((there.networks.exp_deform.weight[0] - here.networks.exp_deform.weight[0]).norm() <
+          1e-3F * here.networks.exp_deform.weight[0].norm());
+    here.networks.exp_deform.shape.dims[1] = 257;
+    CHECK(!networks.fit(program_threads(), here, {tiny_state().config.avatar, {}, true}, {}, {}));
+}
 
 TEST_CASE("stage 1 with networks on a device trains as without") {
     const TetGrid<float> grid = grid_in<float>(tiny_grid());
@@ -98,6 +124,15 @@ TEST_CASE("stage 1 on the device of this machine trains as on the host") {
     CHECK(networks->counts().vjp > 0);
     CHECK(apart(b, a, there, here) < 1e-3);
     CHECK(apart(c, b, again, there) == 0);
+    Mesh fitted_here, fitted_there, fitted_again;
+    const double left_here = fitted(nullptr, 300, fitted_here),
+                 left_there = fitted(networks.get(), 300, fitted_there);
+    CHECK(left_there == doctest::Approx(left_here).epsilon(0.02));
+    CHECK(left_here < 0.8 * fitted(nullptr, 3, fitted_again));
+    CHECK(fitted(networks.get(), 300, fitted_again) == left_there);
+    Mesh::fields([](const std::string& name, const auto& x,
+                    const auto& y) { CHECK_MESSAGE(x == y, name); },
+                 fitted_there, fitted_again);
 }
 
 TEST_CASE("stage 1: a gradient that is not finite is not applied, on a device either") {

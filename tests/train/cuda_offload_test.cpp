@@ -32,6 +32,11 @@ TEST_CASE("cuda, emulated: training of stage 1 is the host's") {
     mesh_training_against_host<MlpTiles<2, 32, 64>>(EmulatedDevice{}, host_queue, host_memory,
                                                     1e-3);
 }
+TEST_CASE("cuda, emulated: the fit to landmarks is the host's") {
+    fit_against_host<MlpTiles<2, 32, 64>>(EmulatedDevice{}, host_queue, 2e-2);
+    fit_against_host<MlpTiles<3, 32, 64>>(EmulatedDevice{PhaseOrder::shuffled}, host_queue, 2e-3,
+                                          false);
+}
 TEST_CASE("cuda, emulated: networks of an offload are the host's") {
     offload_against_host<MlpTiles<2, 64, 32>>(EmulatedDevice{}, host_queue, host_memory, 1e-3);
     offload_against_host<MlpTiles<3, 64, 32>>(EmulatedDevice{}, host_queue, host_memory, 1e-5);

@@ -249,7 +249,8 @@ class Trainer {
     void fit_to_landmarks() {
         if (state_.config.mesh.fit_steps == 0) return;
         probe_.start();
-        const FittedLandmarks left = fit_landmarks(state_, capture_);
+        const std::unique_ptr<MeshNetworks> networks = device_ ? mesh_networks() : nullptr;
+        const FittedLandmarks left = fit_landmarks(state_, capture_, networks.get());
         probe_("fit to landmarks");
         log({{"stage", "mesh"},
              {"step", state_.step},

@@ -6,8 +6,12 @@
 #pragma once
 
 #include <memory>
+#include <optional>
+#include <vector>
 
 #include <rye/avatar/cuda/offload.hpp>
+#include <rye/backend/scalar.hpp>
+#include <rye/train/cuda/fit_deformation.hpp>
 
 #include "training/types.hpp"
 
@@ -28,6 +32,13 @@ class MeshNetworks {
     virtual OffloadCounts counts() const = 0;
     virtual void count_host_forward() = 0;
     virtual void count_host_vjp() = 0;
+
+    /// Does what fit_deformation does on the device. Returns nothing, and does nothing, if the
+    /// networks are too large for the tiles.
+    virtual std::optional<double> fit(const ProgramThreads& threads, Mesh& mesh,
+                                      const LandmarkStage& stage,
+                                      const std::vector<MeshSample<float>>& frames,
+                                      const DeformationFit& settings) = 0;
 };
 
 /// Backend on the program's threads, with networks on a device.
@@ -42,7 +53,9 @@ template <class Device, DeviceMemory Memory, DeviceMemory Staging>
 class MeshNetworksOn : public MeshNetworks {
   public:
     MeshNetworksOn(const Device& device, CudaStream stream)
-        : networks_(device, {stream, memory_}, staging_) {}
+        : device_(device),
+          queue_{stream, memory_},
+          networks_(device, queue_, staging_) {}
 
     bool takes(const MlpShape& shape, Index points) const override {
         return networks_.takes(shape, points);
@@ -63,9 +76,19 @@ class MeshNetworksOn : public MeshNetworks {
     OffloadCounts counts() const override { return networks_.counts(); }
     void count_host_forward() override { networks_.count_host_forward(); }
     void count_host_vjp() override { networks_.count_host_vjp(); }
+    std::optional<double> fit(const ProgramThreads& threads, Mesh& mesh,
+                              const LandmarkStage& stage,
+                              const std::vector<MeshSample<float>>& frames,
+                              const DeformationFit& settings) override {
+        if (!DeviceDeformationFit<MeshEffects, Device, MeshTiles>::fits(mesh)) return {};
+        return fit_deformation_on<MeshTiles>(device_, queue_, ScalarBackend{threads}, mesh, stage,
+                                             frames, settings);
+    }
 
   private:
+    Device device_;
     Memory memory_;
+    CudaQueue queue_;
     Staging staging_;
     NetworkOffload<Device, MeshTiles> networks_;
 };

@@ -70,7 +70,7 @@ void pretrain_mesh(TrainState& state, MeshNetworks* networks) {
     pretrain_mesh_by(train_backend(), state);
 }
 
-FittedLandmarks fit_landmarks(TrainState& state, const Capture& capture) {
+FittedLandmarks fit_landmarks(TrainState& state, const Capture& capture, MeshNetworks* networks) {
     std::vector<MeshSample<float>> frames;
     for (const int frame : capture.train)
         frames.push_back(mesh_sample(capture, state.subject, state.config, frame, {}));
@@ -86,11 +86,13 @@ FittedLandmarks fit_landmarks(TrainState& state, const Capture& capture) {
             landmark_noise<float, MeshEffects>(train_backend(),
                                                {state.config.avatar, neutral, neutral},
                                                state.subject.roles, frames, fit.regression);
-    const double rms = fit_deformation(
-        train_backend(), state.mesh,
-        {state.config.avatar, state.subject.roles, state.config.mesh.landmarks_follow_gaze}, frames,
-        fit);
-    return {rms, fit.regression.noise};
+    const LandmarkStage stage{state.config.avatar, state.subject.roles,
+                              state.config.mesh.landmarks_follow_gaze};
+    std::optional<double> rms;
+    if (networks != nullptr)
+        rms = networks->fit(train_backend().threads, state.mesh, stage, frames, fit);
+    if (!rms) rms = fit_deformation(train_backend(), state.mesh, stage, frames, fit);
+    return {*rms, fit.regression.noise};
 }
 
 AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid,

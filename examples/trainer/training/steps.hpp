@@ -46,7 +46,8 @@ struct FittedLandmarks {
 /// Fits the guidance mesh's deformations to the landmarks of all training frames; see
 /// fit_deformation. Uses the names and shapes of the capture's expressions for those that it does
 /// not show, as mesh.fit_regions and fit_shapes say.
-FittedLandmarks fit_landmarks(TrainState& state, const Capture& capture);
+FittedLandmarks fit_landmarks(TrainState& state, const Capture& capture,
+                              MeshNetworks* networks = nullptr);
 
 /// Number of Gaussians of an avatar.
 struct AvatarSize {

@@ -65,10 +65,62 @@ std::vector<Columns<T>*> deformation_arrays(FaceNetworks<T, E>& networks) {
 /// A frame of a step of the fit.
 template <class T, EffectSet E>
 struct FittedFrame {
-    MeshSample<T, E> made;                   ///< if it is mixed
-    const MeshSample<T, E>* shown = nullptr; ///< `made`, or one of the capture's
+    MeshSample<T, E> made;                      ///< if it is mixed
+    const MeshSample<T, E>* captured = nullptr; ///< or null
     FrameCode<T, E> code;
+
+    bool mixed() const { return captured == nullptr; }
+    const MeshSample<T, E>& shown() const { return mixed() ? made : *captured; }
 };
+
+/// Draws of the fit's frames: of the capture's, or mixed ones.
+template <class T, EffectSet E>
+class FittedFrames {
+  public:
+    /// Keeps references to its arguments.
+    template <Backend B>
+    FittedFrames(const B& backend, const Columns<T>& neutral, const LandmarkStage& stage,
+                 const std::vector<MeshSample<T, E>>& frames, const DeformationFit& fit)
+        : neutral_(neutral),
+          config_(stage.config),
+          frames_(frames),
+          fit_(fit),
+          mixes_(fit.random.fork(1)) {
+        if (fit.mixed > 0)
+            regression_ = landmark_regression<T, E>(backend, {stage.config, neutral, neutral},
+                                                    stage.roles, frames, fit.regression);
+    }
+
+    /// Sets frame i of a step.
+    void draw(int step, Index i, FittedFrame<T, E>& f) const {
+        const auto number = static_cast<std::uint64_t>(step * fit_.batch + i);
+        if (fit_.mixed > 0 && mixes_.uniform(number) < fit_.mixed) {
+            f.made = mixed_frame(frames_, regression_, neutral_, mixes_.fork(number));
+            f.captured = nullptr;
+        } else {
+            f.captured = &frames_[static_cast<std::size_t>(
+                fit_.random.below(number, static_cast<Index>(frames_.size())))];
+        }
+        f.code = frame_code(config_, OpticalDrivers<T, E>(f.shown().drivers));
+    }
+    /// Returns true if the error of a step is one of those that the fit reports.
+    bool reported(int step) const {
+        return step >= fit_.steps - static_cast<int>(frames_.size());
+    }
+
+  private:
+    const Columns<T>& neutral_;
+    const AvatarConfig& config_;
+    const std::vector<MeshSample<T, E>>& frames_;
+    const DeformationFit& fit_;
+    Random mixes_;
+    LandmarkRegression regression_;
+};
+
+/// Returns the share of the first learning rate that a step has.
+inline double fit_rate_share(const DeformationFit& fit, int step) {
+    return std::pow(0.05, static_cast<double>(step) / fit.steps);
+}
 
 /// A piece of such a frame.
 template <class T, EffectSet E>
@@ -94,11 +146,7 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
     GeometryTrace<T> geometry;
     LandmarkPlaces<T, E> all; // lattice and landmarks are fixed, so these are too
     place_landmarks(backend, mesh, stage, geometry, all);
-    LandmarkRegression regression;
-    if (fit.mixed > 0)
-        regression = landmark_regression<T, E>(backend, {stage.config, neutral, neutral},
-                                               stage.roles, frames, fit.regression);
-    const Random mixes = fit.random.fork(1);
+    const detail::FittedFrames<T, E> drawn(backend, neutral, stage, frames, fit);
     Networks& networks = mesh.networks;
     Adam<Networks> adam(networks);
     Networks grad = zeros_like(networks);
@@ -126,18 +174,6 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
                         }});
         ++k;
     }
-    const auto draw = [&](int step, Index i) {
-        detail::FittedFrame<T, E>& f = shown[static_cast<std::size_t>(i)];
-        const auto number = static_cast<std::uint64_t>(step * fit.batch + i);
-        if (fit.mixed > 0 && mixes.uniform(number) < fit.mixed) {
-            f.made = mixed_frame(frames, regression, neutral, mixes.fork(number));
-            f.shown = &f.made;
-        } else {
-            f.shown = &frames[static_cast<std::size_t>(
-                fit.random.below(number, static_cast<Index>(frames.size())))];
-        }
-        f.code = frame_code(stage.config, OpticalDrivers<T, E>(f.shown->drivers));
-    };
     const auto run = [&](Index i) {
         const detail::FittedFrame<T, E>& f = shown[static_cast<std::size_t>(i / parts)];
         const LandmarkPlaces<T, E>& own = places[static_cast<std::size_t>(i % parts)];
@@ -146,7 +182,7 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
         deform_landmarks(alone, at, p.landmarks);
         const Index size = own.shifted.cols();
         const LossTerm<T> off = deformation_term<T>(
-            p.landmarks.deformed, f.shown->landmarks.middleCols(i % parts * each, size));
+            p.landmarks.deformed, f.shown().landmarks.middleCols(i % parts * each, size));
         const T share = T(static_cast<double>(size) / static_cast<double>(count));
         p.squares = share * off.value;
         for (Columns<T>* const a : p.arrays) a->setZero();
@@ -155,18 +191,18 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
     };
     double squares = 0, seen = 0;
     for (int step = 0; step < fit.steps; ++step) {
-        backend.threads.run(fit.batch, [&](Index i) { draw(step, i); });
+        backend.threads.run(fit.batch, [&](Index i) {
+            drawn.draw(step, i, shown[static_cast<std::size_t>(i)]);
+        });
         backend.threads.run(static_cast<Index>(pieces.size()), run);
         for_chunks(backend.threads, sums, 8192);
         for (std::size_t i = 0; i < shown.size(); ++i) {
-            if (shown[i].shown == &shown[i].made ||
-                step < fit.steps - static_cast<int>(frames.size()))
-                continue;
+            if (shown[i].mixed() || !drawn.reported(step)) continue;
             for (std::size_t k = 0; k < places.size(); ++k)
                 squares += static_cast<double>(pieces[i * places.size() + k].squares);
             ++seen;
         }
-        const double rate = fit.rate * std::pow(0.05, static_cast<double>(step) / fit.steps);
+        const double rate = fit.rate * detail::fit_rate_share(fit, step);
         adam_step(backend, networks, grad, adam, [&](const std::string& name) {
             return name.starts_with("exp_deform") || name.find("gaze_deform") != std::string::npos
                        ? rate : 0.0;
