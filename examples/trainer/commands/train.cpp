@@ -216,9 +216,7 @@ class Trainer {
         MeshStepper stepper(state_, networks.get());
         Progress progress("stage 1", total, quiet(options_));
         int empty = 0;
-        while (state_.step < total) {
-            probe_.start();
-            const Index step = state_.step;
+        const auto sample_of_step = [&](Index step) {
             const int frame = frame_of_step(capture_.train, step, order);
             std::vector<int> cameras = present_cameras(capture_, frame);
             const Random pick = views.fork(static_cast<std::uint64_t>(step));
@@ -229,8 +227,20 @@ class Trainer {
                               v + pick.below(static_cast<std::uint64_t>(v),
                                              static_cast<Index>(cameras.size()) - v))]);
             cameras.resize(static_cast<std::size_t>(wanted));
-            const MeshSample<float> sample =
-                mesh_sample(capture_, state_.subject, config, frame, cameras);
+            return mesh_sample(capture_, state_.subject, config, frame, cameras);
+        };
+        MeshSample<float> sample, next;
+        WorkBeside ahead("rye train"); // the next step's pictures
+        const auto make_next = [&](Index step) {
+            if (step < total) ahead.start([&, step] { next = sample_of_step(step); });
+        };
+        make_next(state_.step);
+        while (state_.step < total) {
+            probe_.start();
+            const Index step = state_.step;
+            ahead.wait();
+            std::swap(sample, next);
+            make_next(step + 1);
             probe_("data");
             const StepReport report = stepper.step(
                 state_, grid_, sample, decayed(m.rate_decay, step, total), std::ref(probe_));
