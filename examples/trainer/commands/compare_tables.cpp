@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <string_view>
 
 #include <rye/core/checksum.hpp>
 #include <rye/core/error.hpp>
 
+#include "commands/number.hpp"
 #include "data/checksums.hpp"
 #include "data/json_fields.hpp"
 #include "data/panel.hpp"
@@ -21,14 +21,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-std::string number(double x, int digits) {
-    std::array<char, 64> text;
-    std::snprintf(text.data(), text.size(), "%.*f", digits, x);
-    return text.data();
-}
-
 /// Returns a word for a CSV file, quoted if necessary.
-std::string quoted(const std::string& word) {
+std::string csv_word(const std::string& word) {
     if (word.find_first_of(",\"\n") == std::string::npos) return word;
     std::string out = "\"";
     for (const char c : word) out += c == '"' ? "\"\"" : std::string(1, c);
@@ -274,8 +268,8 @@ std::string ExperimentTables::csv() const {
                 const Spread s = spread(part, row, metric_named(name));
                 if (s.values.empty()) continue;
                 out += experiment_.name + "," +
-                       quoted(part.capture.empty() ? "all" : part.capture) + "," + part.group +
-                       "," + quoted(experiment_.rows[row].name) + "," + name + "," +
+                       csv_word(part.capture.empty() ? "all" : part.capture) + "," + part.group +
+                       "," + csv_word(experiment_.rows[row].name) + "," + name + "," +
                        Json(s.mean()).dump() + "," + Json(s.deviation()).dump() + "," +
                        std::to_string(s.values.size()) + "\n";
             }
@@ -289,9 +283,10 @@ std::string ExperimentTables::runs_csv() const {
             if (const nlohmann::json* group = group_of(r, g[0]))
                 for (const Metric& m : all_metrics())
                     for (const double v : metric_of(*group, m))
-                        out += experiment_.name + "," + quoted(r.capture) + "," +
-                               quoted(experiment_.rows[r.row].name) + "," + std::to_string(r.seed) +
-                               "," + g[0] + "," + m.name + "," + Json(v).dump() + "\n";
+                        out += experiment_.name + "," + csv_word(r.capture) + "," +
+                               csv_word(experiment_.rows[r.row].name) + "," +
+                               std::to_string(r.seed) + "," + g[0] + "," + m.name + "," +
+                               Json(v).dump() + "\n";
     return out;
 }
 
