@@ -36,7 +36,7 @@ const Metric& metric_named(std::string_view name) {
 }
 
 /// Groups of results.json, with their names in a table.
-constexpr std::array<std::array<const char*, 2>, 3> groups{
+constexpr std::array<std::array<const char*, 2>, 3> metric_groups{
     {{"all", "all frames"}, {"novel gaze", "new directions"}, {"independent eyes", "eyes apart"}}};
 
 const nlohmann::json* group_of(const ComparedRun& run, const std::string& group) {
@@ -107,7 +107,7 @@ nlohmann::json read_results(const fs::path& evaluation) {
     require(
         judged.is_object(), judge.string(), "got ", [&] { return json_excerpt(judged); },
         ", expected an object");
-    for (const auto& group : groups)
+    for (const auto& group : metric_groups)
         if (results.contains(group[0]) && results[group[0]].is_object() &&
             judged.contains(group[0]))
             results[group[0]]["judge"] = judged[group[0]];
@@ -160,7 +160,7 @@ std::vector<ExperimentTables::Part> ExperimentTables::parts() const {
     if (captures.size() > 1) captures.insert(captures.begin(), "");
     std::vector<Part> parts;
     for (const std::string& capture : captures)
-        for (const auto& group : groups)
+        for (const auto& group : metric_groups)
             if (std::any_of(runs_.begin(), runs_.end(), [&](const ComparedRun& r) {
                     return (capture.empty() || r.capture == capture) &&
                            group_of(r, group[0]) != nullptr;
@@ -200,7 +200,7 @@ std::string ExperimentTables::markdown() const {
     std::string out = "# " + experiment_.title + "\n";
     const Metric& gaze = metric_named("gaze");
     for (const Part& part : parts()) {
-        const auto title = std::find_if(groups.begin(), groups.end(),
+        const auto title = std::find_if(metric_groups.begin(), metric_groups.end(),
                                         [&](const auto& g) { return g[0] == part.group; });
         out += "\n## " + (part.capture.empty() ? "all captures" : part.capture) + ", " +
                (*title)[1] + "\n\n| |";
@@ -238,7 +238,7 @@ std::string ExperimentTables::markdown() const {
     for (const std::string& name : experiment_.columns) {
         bool any = false;
         for (const ComparedRun& r : runs_)
-            for (const auto& g : groups)
+            for (const auto& g : metric_groups)
                 if (const nlohmann::json* group = group_of(r, g[0]))
                     any = any || !metric_of(*group, metric_named(name)).empty();
         std::string& list = name.starts_with("judge_") ? unjudged : absent;
@@ -279,7 +279,7 @@ std::string ExperimentTables::csv() const {
 std::string ExperimentTables::runs_csv() const {
     std::string out = "table,capture,row,seed,group,metric,value\n";
     for (const ComparedRun& r : runs_)
-        for (const auto& g : groups)
+        for (const auto& g : metric_groups)
             if (const nlohmann::json* group = group_of(r, g[0]))
                 for (const Metric& m : all_metrics())
                     for (const double v : metric_of(*group, m))
