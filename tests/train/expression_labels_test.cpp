@@ -51,7 +51,7 @@ struct Head {
         expression = normal.columns(shapes, frames, 0.3).cwiseAbs();
     }
     /// Landmarks of the frames, each in the frame of a wrong head pose, with noise.
-    std::vector<Columns<double>> seen(const std::vector<RigidMotion>& pose_error,
+    std::vector<Columns<double>> seen(const std::vector<RigidMotion<double>>& pose_error,
                                       double noise) const {
         Normal normal{{9, 0}};
         std::vector<Columns<double>> all;
@@ -65,16 +65,17 @@ struct Head {
     }
 };
 
-std::vector<RigidMotion> pose_errors(double turn, double shift) {
+std::vector<RigidMotion<double>> pose_errors(double turn, double shift) {
     Normal normal{{10, 0}};
-    std::vector<RigidMotion> all(static_cast<std::size_t>(Head::frames));
-    for (RigidMotion& m : all)
+    std::vector<RigidMotion<double>> all(static_cast<std::size_t>(Head::frames));
+    for (RigidMotion<double>& m : all)
         m = {so3_exp(Vec3<double>(normal.columns(3, 1, turn))), normal.columns(3, 1, shift)};
     return all;
 }
 
 /// Root mean square of what is left of pose errors, without what all frames have in common [deg].
-double turn_left(const std::vector<RigidMotion>& found, const std::vector<RigidMotion>& error) {
+double turn_left(const std::vector<RigidMotion<double>>& found,
+                 const std::vector<RigidMotion<double>>& error) {
     std::vector<Vec3<double>> turns;
     Vec3<double> mean = Vec3<double>::Zero();
     const auto n = static_cast<double>(found.size());
@@ -117,7 +118,7 @@ TEST_CASE("expressions: errors of coefficients and head poses are found together
     CHECK(a.moved == doctest::Approx(rms(head.moves.transpose() *
                                          (labels - head.expression))).epsilon(0.1));
     CHECK(turn_left(a.motion, poses) < 0.2);
-    CHECK(turn_left(std::vector<RigidMotion>(poses.size()), poses) > 0.8);
+    CHECK(turn_left(std::vector<RigidMotion<double>>(poses.size()), poses) > 0.8);
     CHECK(rms((a.coefficients - labels).rowwise().mean()) < 1e-12);
 }
 

@@ -89,7 +89,7 @@ struct Head {
     }
     /// Each frame after the motion that its pose's error is, with noise.
     std::vector<Columns<double>> frames(const Columns<double>& x,
-                                        const std::vector<RigidMotion>& error,
+                                        const std::vector<RigidMotion<double>>& error,
                                         double noise = 0) const {
         Normal normal{{9, 0}};
         std::vector<Columns<double>> all;
@@ -103,10 +103,10 @@ struct Head {
     }
 };
 
-std::vector<RigidMotion> pose_errors(Index frames, double turn, double shift) {
+std::vector<RigidMotion<double>> pose_errors(Index frames, double turn, double shift) {
     Normal normal{{10, 0}};
-    std::vector<RigidMotion> all(static_cast<std::size_t>(frames));
-    for (RigidMotion& m : all) {
+    std::vector<RigidMotion<double>> all(static_cast<std::size_t>(frames));
+    for (RigidMotion<double>& m : all) {
         m.rotation = so3_exp(Vec3<double>(normal.columns(3, 1, turn)));
         m.translation = normal.columns(3, 1, shift);
     }
@@ -118,13 +118,13 @@ struct Spread {
     double turn = 0, shift = 0;
     Vec3<double> mean_turn = Vec3<double>::Zero(), mean_shift = Vec3<double>::Zero();
 
-    explicit Spread(const std::vector<RigidMotion>& motions) {
+    explicit Spread(const std::vector<RigidMotion<double>>& motions) {
         const auto n = static_cast<double>(motions.size());
-        for (const RigidMotion& m : motions) {
+        for (const RigidMotion<double>& m : motions) {
             mean_turn += so3_log(m.rotation) / n;
             mean_shift += m.translation / n;
         }
-        for (const RigidMotion& m : motions) {
+        for (const RigidMotion<double>& m : motions) {
             turn += (so3_log(m.rotation) - mean_turn).squaredNorm() / (3 * n);
             shift += (m.translation - mean_shift).squaredNorm() / (3 * n);
         }
@@ -134,9 +134,9 @@ struct Spread {
 };
 
 /// What is left of the errors after the motions that were found.
-std::vector<RigidMotion> remaining(const std::vector<RigidMotion>& found,
-                                   const std::vector<RigidMotion>& error) {
-    std::vector<RigidMotion> all;
+std::vector<RigidMotion<double>> remaining(const std::vector<RigidMotion<double>>& found,
+                                           const std::vector<RigidMotion<double>>& error) {
+    std::vector<RigidMotion<double>> all;
     for (std::size_t f = 0; f < error.size(); ++f) all.push_back(found[f] * error[f]);
     return all;
 }
@@ -164,7 +164,7 @@ TEST_CASE("left-out predictions are those of fits without the frame") {
                 CHECK(off(f, f) == doctest::Approx(1)); // no prediction uses the frame itself
             }
         }
-        const LeftOutRidge::Fit fit = regression.fit(y);
+        const LeftOutRidge<double>::Fit fit = regression.fit(y);
         CAPTURE(fit.ridge);
         for (Index f = 0; f < frames; ++f) {
             const VecX<double> by_force = left_out_by_force(x, y, f, fit.ridge);
@@ -181,7 +181,7 @@ TEST_CASE("the mean predicts what has nothing to do with the regressors") {
         Normal normal{{seed, 2}};
         const Columns<double> x = normal.columns(6, frames);
         const Columns<double> y = normal.columns(12, frames);
-        const LeftOutRidge::Fit fit = LeftOutRidge(x).fit(y);
+        const LeftOutRidge<double>::Fit fit = LeftOutRidge(x).fit(y);
         CHECK(fit.rms > 0.8);
         if (!std::isinf(fit.ridge)) continue;
         ++mean;
@@ -202,13 +202,13 @@ TEST_CASE("a linear quantity is predicted, also by as many regressors as a third
     Columns<double> y = normal.columns(5, 8) * x;
     y.colwise() += normal.columns(5, 1, 10).col(0);
     const double moved = rms(y.colwise() - y.rowwise().mean());
-    const LeftOutRidge::Fit fit = LeftOutRidge(x).fit(y);
+    const LeftOutRidge<double>::Fit fit = LeftOutRidge(x).fit(y);
     CAPTURE(fit.ridge);
     CHECK(std::isfinite(fit.ridge));
     CHECK(fit.rms < 2e-3 * moved);
     CHECK(rms(y - fit.fitted) < fit.rms);
     // With noise the predictions are hardly worse than it.
-    const LeftOutRidge::Fit noisy = LeftOutRidge(x).fit(y + normal.columns(5, frames, 0.1));
+    const LeftOutRidge<double>::Fit noisy = LeftOutRidge(x).fit(y + normal.columns(5, frames, 0.1));
     CHECK(std::isfinite(noisy.ridge));
     CHECK(noisy.rms < 0.2);
     CHECK(noisy.ridge >= fit.ridge);
@@ -217,13 +217,13 @@ TEST_CASE("a linear quantity is predicted, also by as many regressors as a third
 TEST_CASE("regressions of fewer than three frames are refused") {
     CHECK_FAULT(LeftOutRidge(Columns<double>::Ones(4, 2)), "got 2 frames, expected 3 or more");
     CHECK_NOTHROW(LeftOutRidge(Columns<double>::Ones(4, 3))); // that all are alike is no fault
-    const LeftOutRidge::Fit fit =
+    const LeftOutRidge<double>::Fit fit =
         LeftOutRidge(Columns<double>::Ones(4, 3)).fit(Vec3<double>(1, 2, 6).transpose());
     CHECK(fit.left_out(0, 2) == doctest::Approx(1.5));
 }
 
 TEST_CASE("rigid motions: one after the other, and back") {
-    const std::vector<RigidMotion> m = pose_errors(2, 0.3, 0.5);
+    const std::vector<RigidMotion<double>> m = pose_errors(2, 0.3, 0.5);
     const Columns<double> x = Normal{{4, 0}}.columns(3, 5);
     CHECK(((m[0] * m[1])(x) - m[0](m[1](x))).norm() < 1e-12);
     CHECK((m[0].inverse()(m[0](x)) - x).norm() < 1e-12);
@@ -232,9 +232,9 @@ TEST_CASE("rigid motions: one after the other, and back") {
 TEST_CASE("frames without pose errors stay where they are") {
     const Head head;
     const Columns<double> x = head.regressors(24);
-    const auto frames = head.frames(x, std::vector<RigidMotion>(24));
+    const auto frames = head.frames(x, std::vector<RigidMotion<double>>(24));
     for (const Columns<double>& reach : {Columns<double>(), head.reach})
-        for (const RigidMotion& m : align_frames(frames, x, reach)) {
+        for (const RigidMotion<double>& m : align_frames(frames, x, reach)) {
             CHECK(so3_log(m.rotation).norm() < 1e-3);
             CHECK(m.translation.norm() < 1e-3);
         }
@@ -262,7 +262,7 @@ TEST_CASE("pose errors are found by a head that moves as its regressors say") {
             CHECK(times * after.shift < before.shift);
             CHECK(motion.mean_turn.norm() < 1e-8);
             CHECK(motion.mean_shift.norm() < 1e-8);
-            for (const RigidMotion& m : found)
+            for (const RigidMotion<double>& m : found)
                 CHECK((m.rotation * m.rotation.transpose() - Mat3<double>::Identity()).norm() <
                       1e-12);
         }
@@ -273,13 +273,13 @@ TEST_CASE("one frame far off does not pull the others along") {
     constexpr Index count = 24;
     const Head head;
     const Columns<double> x = head.regressors(count);
-    std::vector<RigidMotion> error(count);
+    std::vector<RigidMotion<double>> error(count);
     error[7].rotation = so3_exp(Vec3<double>(0, 3 * degree, 0));
     error[7].translation << 0.03, 0, -0.02;
     const auto found = align_frames(head.frames(x, error, 0.003), x);
     const auto left = remaining(found, error);
-    for (const RigidMotion& m : left) {
-        const RigidMotion relative = m * left[0].inverse();
+    for (const RigidMotion<double>& m : left) {
+        const RigidMotion<double> relative = m * left[0].inverse();
         CHECK(so3_log(relative.rotation).norm() < 0.3 * degree);
         CHECK(relative.translation.norm() < 0.005);
     }
@@ -292,7 +292,7 @@ TEST_CASE("fewer than three frames are not aligned") {
         const auto error = pose_errors(count, 0.02, 0.02);
         const auto found = align_frames(head.frames(x, error), x);
         REQUIRE(static_cast<Index>(found.size()) == count);
-        for (const RigidMotion& m : found) {
+        for (const RigidMotion<double>& m : found) {
             CHECK(m.rotation == Mat3<double>::Identity());
             CHECK(m.translation == Vec3<double>::Zero());
         }

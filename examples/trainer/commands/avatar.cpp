@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <fstream>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -49,16 +48,6 @@ fs::path work_of(const AvatarOptions& o) {
     return o.work.empty() ? fs::path(o.out.string() + ".work") : o.work;
 }
 fs::path sheet_of(const AvatarOptions& o) { return fs::path(o.out).replace_extension(".png"); }
-
-/// Returns the last line that is not empty; nothing if there is none.
-std::string last_line(const fs::path& path) {
-    std::ifstream file(path);
-    std::string last;
-    for (std::string line; std::getline(file, line);)
-        if (line.find_first_not_of(" \r") != std::string::npos) last = line;
-    last.erase(last.find_last_not_of(" \r") + 1);
-    return last;
-}
 
 /// One of the commands that make an avatar.
 struct Step {

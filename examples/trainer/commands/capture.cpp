@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Options {
+struct CaptureCommand {
     CaptureSettings settings;
     VideoSettings film;
     fs::path out, model, video, dots;
@@ -40,7 +40,7 @@ fs::path beside(const fs::path& out, const char* suffix) {
 }
 
 /// Throws an Error if --out exists, unless --overwrite is given and it is a capture.
-void check_out(const Options& o) {
+void check_out(const CaptureCommand& o) {
     const std::string who = o.out.string();
     require(!o.out.empty() && (o.out.has_filename() || o.out.has_parent_path()), "capture",
             "--out is missing, expected a folder to write");
@@ -59,7 +59,7 @@ void publish(const fs::path& finished, const fs::path& out) {
     fs::remove_all(old);
 }
 
-void run(const Options& o) {
+void run(const CaptureCommand& o) {
     check_out(o);
     if (!o.video.empty()) check_film(o.video);
     set_threads(o.threads);
@@ -107,7 +107,7 @@ void run(const Options& o) {
 } // namespace
 
 void add_capture(CLI::App& app) {
-    const auto o = std::make_shared<Options>();
+    const auto o = std::make_shared<CaptureCommand>();
     CLI::App* c = app.add_subcommand(
         "capture", "Render a calibrated multi-view capture of a made-up head, with gaze labels");
     CaptureSettings& s = o->settings;

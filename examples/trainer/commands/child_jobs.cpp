@@ -28,15 +28,16 @@ StartedProgram start(const ChildJob& job, const std::vector<std::string>& comman
     return {own_program(), words, OutputFiles{job.log, errors_of(job)}};
 }
 
+} // namespace
+
 std::string last_line(const fs::path& path) {
     std::ifstream file(path);
     std::string last;
     for (std::string line; std::getline(file, line);)
-        if (!line.empty()) last = line;
+        if (line.find_first_not_of(" \r") != std::string::npos) last = line;
+    last.erase(last.find_last_not_of(" \r") + 1);
     return last;
 }
-
-} // namespace
 
 int run_children(std::vector<ChildJob> jobs, int at_once,
                  const std::function<void(std::size_t, const ChildResult&)>& ended,

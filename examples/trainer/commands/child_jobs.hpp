@@ -35,4 +35,7 @@ int run_children(std::vector<ChildJob> jobs, int at_once,
                  const std::function<void(std::size_t, const ChildResult&)>& ended,
                  const std::function<bool()>& enough = {});
 
+/// Returns the last line that is not empty; nothing if there is none.
+std::string last_line(const std::filesystem::path& path);
+
 } // namespace rye::trainer

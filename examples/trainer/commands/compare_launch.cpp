@@ -7,6 +7,8 @@
 #include <rye/core/checksum.hpp>
 #include <rye/core/error.hpp>
 
+#include "commands/completion.hpp"
+
 namespace rye::trainer {
 namespace {
 
@@ -26,13 +28,6 @@ std::string filled(std::string text, const std::map<std::string, std::string>& m
         at += found->second.size();
     }
     return text;
-}
-
-/// Returns a word of a shell's command line.
-std::string shell_word(const std::string& text) {
-    std::string word = "'";
-    for (const char c : text) word += c == '\'' ? std::string("'\\''") : std::string(1, c);
-    return word + "'";
 }
 
 /// Returns a text as a string of YAML, which JSON's are.

@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <string_view>
 
 #include <rye/core/checksum.hpp>
 #include <rye/core/error.hpp>
 
+#include "commands/number.hpp"
 #include "data/checksums.hpp"
 #include "data/json_fields.hpp"
 #include "data/panel.hpp"
@@ -21,14 +21,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-std::string number(double x, int digits) {
-    std::array<char, 64> text;
-    std::snprintf(text.data(), text.size(), "%.*f", digits, x);
-    return text.data();
-}
-
 /// Returns a word for a CSV file, quoted if necessary.
-std::string quoted(const std::string& word) {
+std::string csv_word(const std::string& word) {
     if (word.find_first_of(",\"\n") == std::string::npos) return word;
     std::string out = "\"";
     for (const char c : word) out += c == '"' ? "\"\"" : std::string(1, c);
@@ -42,7 +36,7 @@ const Metric& metric_named(std::string_view name) {
 }
 
 /// Groups of results.json, with their names in a table.
-constexpr std::array<std::array<const char*, 2>, 3> groups{
+constexpr std::array<std::array<const char*, 2>, 3> metric_groups{
     {{"all", "all frames"}, {"novel gaze", "new directions"}, {"independent eyes", "eyes apart"}}};
 
 const nlohmann::json* group_of(const ComparedRun& run, const std::string& group) {
@@ -113,7 +107,7 @@ nlohmann::json read_results(const fs::path& evaluation) {
     require(
         judged.is_object(), judge.string(), "got ", [&] { return json_excerpt(judged); },
         ", expected an object");
-    for (const auto& group : groups)
+    for (const auto& group : metric_groups)
         if (results.contains(group[0]) && results[group[0]].is_object() &&
             judged.contains(group[0]))
             results[group[0]]["judge"] = judged[group[0]];
@@ -166,7 +160,7 @@ std::vector<ExperimentTables::Part> ExperimentTables::parts() const {
     if (captures.size() > 1) captures.insert(captures.begin(), "");
     std::vector<Part> parts;
     for (const std::string& capture : captures)
-        for (const auto& group : groups)
+        for (const auto& group : metric_groups)
             if (std::any_of(runs_.begin(), runs_.end(), [&](const ComparedRun& r) {
                     return (capture.empty() || r.capture == capture) &&
                            group_of(r, group[0]) != nullptr;
@@ -206,7 +200,7 @@ std::string ExperimentTables::markdown() const {
     std::string out = "# " + experiment_.title + "\n";
     const Metric& gaze = metric_named("gaze");
     for (const Part& part : parts()) {
-        const auto title = std::find_if(groups.begin(), groups.end(),
+        const auto title = std::find_if(metric_groups.begin(), metric_groups.end(),
                                         [&](const auto& g) { return g[0] == part.group; });
         out += "\n## " + (part.capture.empty() ? "all captures" : part.capture) + ", " +
                (*title)[1] + "\n\n| |";
@@ -244,7 +238,7 @@ std::string ExperimentTables::markdown() const {
     for (const std::string& name : experiment_.columns) {
         bool any = false;
         for (const ComparedRun& r : runs_)
-            for (const auto& g : groups)
+            for (const auto& g : metric_groups)
                 if (const nlohmann::json* group = group_of(r, g[0]))
                     any = any || !metric_of(*group, metric_named(name)).empty();
         std::string& list = name.starts_with("judge_") ? unjudged : absent;
@@ -274,8 +268,8 @@ std::string ExperimentTables::csv() const {
                 const Spread s = spread(part, row, metric_named(name));
                 if (s.values.empty()) continue;
                 out += experiment_.name + "," +
-                       quoted(part.capture.empty() ? "all" : part.capture) + "," + part.group +
-                       "," + quoted(experiment_.rows[row].name) + "," + name + "," +
+                       csv_word(part.capture.empty() ? "all" : part.capture) + "," + part.group +
+                       "," + csv_word(experiment_.rows[row].name) + "," + name + "," +
                        Json(s.mean()).dump() + "," + Json(s.deviation()).dump() + "," +
                        std::to_string(s.values.size()) + "\n";
             }
@@ -285,13 +279,14 @@ std::string ExperimentTables::csv() const {
 std::string ExperimentTables::runs_csv() const {
     std::string out = "table,capture,row,seed,group,metric,value\n";
     for (const ComparedRun& r : runs_)
-        for (const auto& g : groups)
+        for (const auto& g : metric_groups)
             if (const nlohmann::json* group = group_of(r, g[0]))
                 for (const Metric& m : all_metrics())
                     for (const double v : metric_of(*group, m))
-                        out += experiment_.name + "," + quoted(r.capture) + "," +
-                               quoted(experiment_.rows[r.row].name) + "," + std::to_string(r.seed) +
-                               "," + g[0] + "," + m.name + "," + Json(v).dump() + "\n";
+                        out += experiment_.name + "," + csv_word(r.capture) + "," +
+                               csv_word(experiment_.rows[r.row].name) + "," +
+                               std::to_string(r.seed) + "," + g[0] + "," + m.name + "," +
+                               Json(v).dump() + "\n";
     return out;
 }
 

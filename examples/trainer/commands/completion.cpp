@@ -55,16 +55,9 @@ Words words_of(const CLI::App& command) {
     return w;
 }
 
-std::string names_of(const CLI::App& app) {
-    std::vector<std::string> names;
-    for (const CLI::App* c : commands_of(app)) names.push_back(c->get_name());
-    return joined(names);
-}
-
-/// Returns a text in single quotes, for a shell.
-std::string quoted(const std::string& text) { return "'" + replaced(text, "'", "'\\''") + "'"; }
-
 } // namespace
+
+std::string shell_word(const std::string& text) { return "'" + replaced(text, "'", "'\\''") + "'"; }
 
 std::string bash_completion(const CLI::App& app) {
     std::string values, words;
@@ -74,7 +67,8 @@ std::string bash_completion(const CLI::App& app) {
             if (v.kind == Kind::none) continue;
             std::string action = "COMPREPLY=()";
             if (v.kind == Kind::choice)
-                action = "COMPREPLY=($(compgen -W " + quoted(joined(v.choices)) + " -- \"$word\"))";
+                action =
+                    "COMPREPLY=($(compgen -W " + shell_word(joined(v.choices)) + " -- \"$word\"))";
             if (v.kind == Kind::file)
                 action = "compopt -o filenames; mapfile -t COMPREPLY < <(compgen -f -- \"$word\")";
             if (v.kind == Kind::folder)
@@ -83,9 +77,10 @@ std::string bash_completion(const CLI::App& app) {
                       "; return ;;\n";
         }
         const Words w = words_of(*c);
-        words += "    " + c->get_name() + ") words=" +
-                 quoted(joined(w.options) + (w.choices.empty() ? "" : " " + joined(w.choices))) +
-                 " files=" + (w.files ? "1" : "") + " ;;\n";
+        words +=
+            "    " + c->get_name() + ") words=" +
+            shell_word(joined(w.options) + (w.choices.empty() ? "" : " " + joined(w.choices))) +
+            " files=" + (w.files ? "1" : "") + " ;;\n";
     }
     return "# bash completion for rye, written by `rye completion bash`\n"
            "_rye() {\n"
@@ -93,7 +88,7 @@ std::string bash_completion(const CLI::App& app) {
            "    COMPREPLY=()\n"
            "    if [ \"$COMP_CWORD\" -eq 1 ]; then\n"
            "        COMPREPLY=($(compgen -W " +
-           quoted(names_of(app) + " --help --version") +
+           shell_word(joined(names_of(app)) + " --help --version") +
            " -- \"$word\"))\n"
            "        return\n"
            "    fi\n"
@@ -135,21 +130,22 @@ std::string zsh_completion(const CLI::App& app) {
     };
     std::string commands, cases;
     for (const CLI::App* c : commands_of(app)) {
-        commands +=
-            "        " +
-            quoted(c->get_name() + ":" + replaced(first_line(c->get_description()), ":", "\\:")) +
-            "\n";
+        commands += "        " +
+                    shell_word(c->get_name() + ":" +
+                               replaced(first_line(c->get_description()), ":", "\\:")) +
+                    "\n";
         cases += "    " + c->get_name() + ")\n        _arguments";
         for (const CLI::Option* o : options_of(*c))
-            cases += " \\\n            " + quoted("--" + o->get_lnames().front() + "[" +
-                                                  plain(text_of(*o)) + "]" + action(value_of(*o)));
+            cases +=
+                " \\\n            " + shell_word("--" + o->get_lnames().front() + "[" +
+                                                 plain(text_of(*o)) + "]" + action(value_of(*o)));
         for (const CLI::Option* o : c->get_options())
             if (o->get_positional())
-                cases +=
-                    " \\\n            " + quoted(":" + replaced(o->get_name(true, false), ":", "") +
-                                                 (value_of(*o).kind == Kind::choice
-                                                      ? ":(" + joined(value_of(*o).choices) + ")"
-                                                      : ":_files"));
+                cases += " \\\n            " +
+                         shell_word(":" + replaced(o->get_name(true, false), ":", "") +
+                                    (value_of(*o).kind == Kind::choice
+                                         ? ":(" + joined(value_of(*o).choices) + ")"
+                                         : ":_files"));
         cases += "\n        ;;\n";
     }
     return "#compdef rye\n# zsh completion for rye, written by `rye completion zsh`\n"
@@ -195,7 +191,7 @@ std::string fish_completion(const CLI::App& app) {
         for (const CLI::Option* o : options_of(*c)) {
             const OptionValue v = value_of(*o);
             std::string value;
-            if (v.kind == Kind::choice) value = " -x -a " + quoted(joined(v.choices));
+            if (v.kind == Kind::choice) value = " -x -a " + shell_word(joined(v.choices));
             if (v.kind == Kind::number || v.kind == Kind::word) value = " -x";
             if (v.kind == Kind::file) value = " -r -F";
             if (v.kind == Kind::folder) value = " -x -a '(__fish_complete_directories)'";
@@ -203,7 +199,7 @@ std::string fish_completion(const CLI::App& app) {
                    fish_quoted(text_of(*o)) + "\n";
         }
         const Words w = words_of(*c);
-        if (!w.choices.empty()) out += here + " -a " + quoted(joined(w.choices)) + "\n";
+        if (!w.choices.empty()) out += here + " -a " + shell_word(joined(w.choices)) + "\n";
         if (w.files) out += here + " -F\n";
     }
     return out;
@@ -289,7 +285,7 @@ struct TextOptions {
 };
 
 /// Writes to --out, or else to standard output.
-void write_text(const std::string& text, const std::filesystem::path& out) {
+void write_or_print(const std::string& text, const std::filesystem::path& out) {
     if (out.empty())
         std::cout << text;
     else
@@ -306,10 +302,10 @@ void add_completion(CLI::App& app) {
         ->check(CLI::IsMember({"bash", "zsh", "fish"}));
     c->add_option("--out", o->out, "File to write, instead of standard output");
     c->callback([o, &app] {
-        write_text(o->shell == "bash"  ? bash_completion(app)
-                   : o->shell == "zsh" ? zsh_completion(app)
-                                       : fish_completion(app),
-                   o->out);
+        write_or_print(o->shell == "bash"  ? bash_completion(app)
+                       : o->shell == "zsh" ? zsh_completion(app)
+                                           : fish_completion(app),
+                       o->out);
     });
 }
 
@@ -321,7 +317,7 @@ void add_manual(CLI::App& app) {
         const std::string version = std::to_string(RYE_VERSION_MAJOR) + "." +
                                     std::to_string(RYE_VERSION_MINOR) + "." +
                                     std::to_string(RYE_VERSION_PATCH);
-        write_text(manual_page(app, version), o->out);
+        write_or_print(manual_page(app, version), o->out);
     });
 }
 

@@ -16,6 +16,9 @@ std::string bash_completion(const CLI::App& app);
 std::string zsh_completion(const CLI::App& app);
 std::string fish_completion(const CLI::App& app);
 
+/// Returns a text in single quotes: one word of a shell's command line.
+std::string shell_word(const std::string& text);
+
 /// Returns a page for man(1), in the macros of man(7).
 std::string manual_page(const CLI::App& app, const std::string& version);
 

@@ -6,7 +6,6 @@
 #include <iostream>
 #include <map>
 #include <memory>
-#include <span>
 
 #include <CLI/CLI.hpp>
 
@@ -173,10 +172,6 @@ Results results_of(const Capture& capture, const std::vector<MeasuredView>& view
     return results;
 }
 
-void write_text(const std::filesystem::path& path, const std::string& text) {
-    write_atomic(path, std::as_bytes(std::span(text)));
-}
-
 void print_centres(const CentreErrors& c) {
     if (c.eyes == 0) return;
     std::printf("\n%-20s %7s %7s\n%-20s %7s %7s\n", "Eyeball centres", "with", "without", "",
@@ -264,11 +259,11 @@ void evaluate(const EvaluateOptions& o) {
     const CentreErrors centres = centre_errors(state, capture, frames);
     results["eyeball_centres"] = centres.json();
     const std::string each = per_view.dump(2) + "\n";
-    write_text(out / "per_view.json", each);
+    write_atomic(out / "per_view.json", as_bytes(each));
     Json stated = results; // a list has no field for its checksum
     stated["per_view_checksum"] = checksum_text(crc32(as_bytes(each)));
     const std::string results_text = checked_text(stated, 2);
-    write_text(out / "results.json", results_text);
+    write_atomic(out / "results.json", as_bytes(results_text));
 
     if (o.json) {
         std::cout << results_text;

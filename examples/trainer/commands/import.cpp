@@ -64,12 +64,12 @@ bool print_verdict(const std::filesystem::path& out, bool quiet) {
 /// Returns what prints the pictures that are tracked, and the time left, on one line of a terminal
 /// or now and then.
 std::function<void(int, int)> tracking_progress(bool quiet, bool terminal) {
-    using Clock = std::chrono::steady_clock;
-    const auto begin = std::make_shared<std::pair<int, Clock::time_point>>(-1, Clock::now());
+    const auto now = [] { return std::chrono::steady_clock::now(); };
+    const auto begin = std::make_shared<std::pair<int, decltype(now())>>(-1, now());
     return [=](int done, int of) {
-        if (begin->first < 0 || done <= begin->first) *begin = {done, Clock::now()};
+        if (begin->first < 0 || done <= begin->first) *begin = {done, now()};
         if (quiet || (!terminal && done != of && done % 50 != 0)) return;
-        const double seconds = std::chrono::duration<double>(Clock::now() - begin->second).count();
+        const double seconds = std::chrono::duration<double>(now() - begin->second).count();
         const double left = seconds / std::max(1, done - begin->first) * (of - done);
         std::printf("%spicture %d of %d tracked, %.0f s left   %s", terminal ? "\r" : "", done, of,
                     left, terminal && done != of ? "" : "\n");

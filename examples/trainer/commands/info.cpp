@@ -16,6 +16,7 @@
 #include "commands/commands.hpp"
 #include "commands/info_effects.hpp"
 #include "commands/info_json.hpp"
+#include "commands/number.hpp"
 #include "commands/options.hpp"
 #include "data/checksums.hpp"
 #include "data/degrees.hpp"
@@ -32,12 +33,6 @@ namespace {
 /// Returns a line "label   text".
 std::string line(const std::string& label, const std::string& text) {
     return label + std::string(label.size() < 14 ? 14 - label.size() : 1, ' ') + text + "\n";
-}
-
-std::string number(double x, int decimals) {
-    char digits[64];
-    std::snprintf(digits, sizeof digits, "%.*f", decimals, x);
-    return digits;
 }
 
 struct Range {

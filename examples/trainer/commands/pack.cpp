@@ -16,12 +16,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Options {
+struct PackOptions {
     fs::path makehuman, out;
     bool overwrite = false, quiet = false;
 };
 
-void run(const Options& o) {
+void run(const PackOptions& o) {
     const fs::path names = o.out.parent_path() / "names.json";
     for (const fs::path& path : {o.out, names})
         require(o.overwrite || !fs::exists(path), path.string(),
@@ -38,7 +38,7 @@ void run(const Options& o) {
 } // namespace
 
 void add_pack(CLI::App& app) {
-    const auto o = std::make_shared<Options>();
+    const auto o = std::make_shared<PackOptions>();
     CLI::App* c = app.add_subcommand(
         "pack", "Make a head model for `rye capture --model` of MakeHuman's base mesh and targets");
     c->add_option("--makehuman", o->makehuman, "Folder with base.obj and targets, plain or as .gz")

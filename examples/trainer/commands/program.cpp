@@ -38,12 +38,6 @@ std::string listed(const std::vector<std::string>& words, const std::string& las
     return out;
 }
 
-std::vector<std::string> names_of(const CLI::App& app) {
-    std::vector<std::string> names;
-    for (const CLI::App* c : commands_of(app)) names.push_back(c->get_name());
-    return names;
-}
-
 std::string meant(const std::string& word, const std::vector<std::string>& candidates) {
     const std::string near = near_miss(word, candidates);
     return near.empty() ? "" : ", did you mean '" + near + "'?";
@@ -180,6 +174,12 @@ std::string near_miss(const std::string& word, const std::vector<std::string>& c
 
 std::vector<const CLI::App*> commands_of(const CLI::App& app) {
     return app.get_subcommands([](const CLI::App*) { return true; });
+}
+
+std::vector<std::string> names_of(const CLI::App& app) {
+    std::vector<std::string> names;
+    for (const CLI::App* c : commands_of(app)) names.push_back(c->get_name());
+    return names;
 }
 
 std::vector<const CLI::Option*> options_of(const CLI::App& command) {

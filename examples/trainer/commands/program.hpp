@@ -28,8 +28,10 @@ int run_program(CLI::App& app, int argc, char** argv);
 /// of its length in inserted, deleted, changed or swapped letters. Empty if there is none.
 std::string near_miss(const std::string& word, const std::vector<std::string>& candidates);
 
-/// Returns all commands of the program, or all options of a command with a long name, in order.
+/// Returns all commands of the program, their names, or all options of a command with a long name,
+/// in order.
 std::vector<const CLI::App*> commands_of(const CLI::App& app);
+std::vector<std::string> names_of(const CLI::App& app);
 std::vector<const CLI::Option*> options_of(const CLI::App& command);
 
 /// Kind of value that an option takes.

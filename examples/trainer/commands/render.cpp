@@ -44,16 +44,16 @@ struct RenderOptions {
     int threads = 0;
 };
 
+/// Formats of --out.
+const std::vector<OutFormat> picture_formats{OutFormat::png, OutFormat::jpeg};
+
 void write_picture(const std::string& out, const Image<float>& picture) {
     constexpr int quality = 95;
-    if (out_format(out, {OutFormat::png, OutFormat::jpeg}, "--out") == OutFormat::jpeg)
+    if (out_format(out, picture_formats, "--out") == OutFormat::jpeg)
         write_jpeg(out, to_8bit(picture), quality);
     else
         write_png(out, picture);
 }
-
-/// Formats of --out.
-const std::vector<OutFormat> formats{OutFormat::png, OutFormat::jpeg};
 
 template <Backend B, Real T, AccuracyPolicy A, Distortion D>
 Image<float> picture(const B& backend, const A& accuracy, const Gaussians<T>& g,
@@ -236,7 +236,7 @@ void add_render(CLI::App& app) {
         ->check(from_to(1e-9, 1e9))->capture_default_str();
     c->add_option("--out", o->out, "Picture to write (.png or .jpg)")
         ->required()
-        ->check(out_check(formats));
+        ->check(out_check(picture_formats));
     add_device(
         *c, o->device,
         "Where a run's head is drawn; auto: a CUDA device where this build has kernels and a "

@@ -18,7 +18,7 @@ constexpr const char* checksum_field = "checksum";
 template <class Json>
 std::string checksum_of(const Json& object) {
     // Parsed again with sorted keys, so that the text depends on the content alone.
-    const std::string text = nlohmann::json::parse(object.dump()).dump();
+    const std::string text = json_or_discarded(object.dump()).dump();
     return checksum_text(crc32(as_bytes(text)));
 }
 

@@ -153,9 +153,9 @@ const FlawOptions& checked(const FlawOptions& o) {
         fs::weakly_canonical(o.out).lexically_relative(fs::weakly_canonical(o.capture));
     require(within.empty() || *within.begin() == "..", "--out",
             "got '" + who + "', which is inside the capture " + o.capture.string());
-    const bool any = std::any_of(o.sizes.values.begin(), o.sizes.values.end(),
-                                 [](double size) { return size > 0; });
-    if (!any && o.one_camera.empty())
+    const bool flawed = std::any_of(o.sizes.values.begin(), o.sizes.values.end(),
+                                    [](double size) { return size > 0; });
+    if (!flawed && o.one_camera.empty())
         throw Error("no flaw is asked for, expected one at least, such as --gaze-common 4");
     return o;
 }

@@ -36,7 +36,7 @@ constexpr double limbus_share = 0.49, iris_share = 0.87; // shares of an average
 
 Mat3<double> rotation_of(const CaptureFrame& f) { return so3_exp(Vec3<double>(f.pose.head<3>())); }
 
-Vec3<double> lids_in_head(const CaptureFrame& f, int eye) {
+Vec3<double> lids_of(const CaptureFrame& f, int eye) {
     const Vec3<double> world =
         f.landmarks.middleCols(eye_landmarks(eye).front(), 6).rowwise().mean();
     return rotation_of(f).transpose() * (world - f.pose.tail<3>()) / f.scale;
@@ -46,7 +46,7 @@ Vec3<double> lids_in_head(const CaptureFrame& f, int eye) {
 Vec3<double> usual_lids(const Capture& c, int eye) {
     std::array<std::vector<double>, 3> all;
     for (const CaptureFrame& f : c.frames) {
-        const Vec3<double> lids = lids_in_head(f, eye);
+        const Vec3<double> lids = lids_of(f, eye);
         for (std::size_t d = 0; d < 3; ++d) all[d].push_back(lids[static_cast<Index>(d)]);
     }
     return {median(all[0]), median(all[1]), median(all[2])};
@@ -236,7 +236,7 @@ struct GhaSource {
     std::map<std::string, GazeRow> file;
 };
 
-GhaSource read_source(const ImportOptions& o) {
+GhaSource read_gha(const ImportOptions& o) {
     require(fs::is_directory(o.source), o.source.string(),
             "no folder, expected one with images, cameras and params");
     require(!fs::exists(o.source / "transforms.json") || fs::exists(o.source / "params"),
@@ -383,13 +383,13 @@ Json description(const GhaSource& s, const std::set<std::string>& left_out) {
 }
 
 /// Sums of the facts of all frames.
-struct Totals {
+struct GhaTotals {
     int views = 0, eye_masks = 0, sightings = 0, borrowed = 0;
     double spread = 0;
     std::set<std::string> left_out;
 };
 
-void summarize(const GhaSource& s, const Totals& t, ImportSummary& summary) {
+void summarize(const GhaSource& s, const GhaTotals& t, ImportSummary& summary) {
     summary.found = {std::to_string(t.views) + " pictures, cameras and masks",
                      std::to_string(s.capture.expression_width()) +
                          " expression coefficients, head poses, landmarks, " +
@@ -432,11 +432,11 @@ void summarize(const GhaSource& s, const Totals& t, ImportSummary& summary) {
 ImportSummary import_gha(const ImportOptions& o) {
     Json job = import_job("gha", o);
     job["gaze"] = o.gaze.empty() ? "" : fs::weakly_canonical(o.gaze).string();
-    const GhaSource s = read_source(o);
+    const GhaSource s = read_gha(o);
     warn_of_changes(o.source); // if it is a capture
     ImportFolder folder(o.out, job);
     ImportSummary summary;
-    Totals totals;
+    GhaTotals totals;
     for (int f = 0; f < s.capture.frame_count(); ++f) {
         const std::string& id = s.capture.frames[static_cast<std::size_t>(f)].id;
         if (!folder.has(id)) {

@@ -82,6 +82,10 @@ struct ImportHead {
     std::array<CaptureEye, 2> eyes; ///< valid if has_gaze
 };
 
+/// Middle of the eyeballs in the head frame of heads that have no other one; its origin is then
+/// near the middle of the head.
+inline const Vec3<double> eyes_in_head(0, 0.35, 0.8);
+
 struct ImportFrame {
     std::string id;
     std::optional<ImportHead> head;

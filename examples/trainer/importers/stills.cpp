@@ -16,7 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = ImportFolder::Json;
 
-const std::string frame_id = "0000";
+const std::string only_frame = "0000";
 
 std::string size_text(int width, int height) {
     return std::to_string(width) + " x " + std::to_string(height);
@@ -125,7 +125,7 @@ std::string transforms_text(const std::vector<Still>& stills, const std::vector<
         for (Index r = 0; r < 3; ++r) // OpenGL's y and z are opposite
             matrix.push_back({axes(r, 0), -axes(r, 1), -axes(r, 2), centre[r]});
         matrix.push_back({0, 0, 0, 1});
-        std::string picture = "images/" + frame_id + "/image_" + names[i] + ".png";
+        std::string picture = "images/" + only_frame + "/image_" + names[i] + ".png";
         if (!fs::exists(out / picture)) picture.replace(picture.size() - 3, 3, "jpg");
         json["frames"].push_back({{"file_path", picture},
                                   {"fl_x", c.fx},
@@ -161,11 +161,11 @@ ImportSummary import_stills(const std::vector<Still>& stills, const Json& job,
     summary.frames = 1;
     summary.has_head = false;
     summary.cameras = static_cast<int>(stills.size());
-    if (!folder.has(frame_id)) {
-        ImportFrame frame{frame_id, {}, {}};
+    if (!folder.has(only_frame)) {
+        ImportFrame frame{only_frame, {}, {}};
         // One picture at a time: a photograph has tens of megapixels.
         for (std::size_t i = 0; i < stills.size(); ++i) {
-            ImportFrame one{frame_id, {}, {}};
+            ImportFrame one{only_frame, {}, {}};
             one.views.push_back(view_of(stills[i], names[i], size));
             folder.write_views(one);
             options.progress(static_cast<int>(i + 1), summary.cameras);
@@ -191,7 +191,7 @@ ImportSummary import_stills(const std::vector<Still>& stills, const Json& job,
     folder.write_file("transforms.json", transforms_text(stills, names, options.out, size));
     folder.finish({{"subject", options.source.filename().string()},
                    {"image_size", {size.width, size.height}},
-                   {"train_frames", {frame_id}},
+                   {"train_frames", {only_frame}},
                    {"camera_ids", names},
                    {"conventions",
                     {{"image", "photographs; multiplied by the mask when read"},

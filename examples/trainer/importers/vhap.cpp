@@ -29,8 +29,6 @@ namespace {
 namespace fs = std::filesystem;
 using Json = ImportFolder::Json;
 
-/// Middle of the eyeballs in the head frame; the origin is then near the middle of the head.
-const Vec3<double> eyes_in_head(0, 0.35, 0.8);
 /// Largest difference between the head's rotation by the meshes and by the parameters of a frame
 /// [deg].
 constexpr double most_disagreement = 8;
@@ -108,7 +106,7 @@ std::array<int, 68> read_landmark_vertices(const fs::path& path) {
     return all;
 }
 
-VhapSource read_source(const ImportOptions& o) {
+VhapSource read_vhap(const ImportOptions& o) {
     VhapSource s;
     s.folder = o.source;
     if (!o.landmarks.empty()) s.landmarks = read_landmark_vertices(o.landmarks);
@@ -370,7 +368,7 @@ Json description(const VhapSource& s, const Shared& shared, std::size_t expressi
 
 ImportSummary import_vhap(const ImportOptions& o) {
     Json job = import_job("vhap", o);
-    const VhapSource s = read_source(o);
+    const VhapSource s = read_vhap(o);
     job["eyeballs"] = s.eyeballs;
     job["landmarks"] = s.landmarks;
     const Shared shared = shared_of(s, s.frames.front());

@@ -31,8 +31,6 @@ constexpr double look_aside_deg = 27, look_up_deg = 30, drawn_to_camera = 0.2;
 constexpr double usual_distance = 8;
 /// Typical angles between optical and visual axis of a left eye, (yaw, pitch) [deg].
 const Vec2<double> usual_kappa_deg(5, -1.5);
-/// Middle of the eyeballs in the head frame; the origin is then near the middle of the head.
-const Vec3<double> eyes_in_head(0, 0.35, 0.8);
 /// Centre of an eyeball from the middle of its lids, in radii: the upper lid covers more of an eye
 /// than the lower one.
 const Vec3<double> behind_lids(0, 0.13, -0.88);

@@ -339,7 +339,7 @@ void read_expressions(XgazeSource& s, Index rows) {
     }
 }
 
-XgazeSource read_source(const Hdf5File& file, const ImportOptions& o) {
+XgazeSource read_xgaze(const Hdf5File& file, const ImportOptions& o) {
     XgazeSource s;
     s.file = &file;
     const std::vector<Index> shape = file.shape("face_patch");
@@ -439,7 +439,7 @@ Rigid<double> head_of(const Columns<double>& points) {
 }
 
 /// Properties shared by all frames.
-struct Shared {
+struct XgazeShared {
     Columns<double> reference; ///< landmarks of the mean of the frames, head frame
     VecX<double> weights;      ///< of the landmarks, by how little they move in the head
 };
@@ -447,8 +447,8 @@ struct Shared {
 /// Returns the mean of the frames' landmarks, each moved onto it, in the place of the first frame,
 /// and the weights by which they were: those that expressions move count less. `floor`: of a
 /// landmark's deviation.
-Shared aligned(const std::vector<Columns<double>>& frames, double floor) {
-    Shared s{frames.front(), VecX<double>::Ones(landmark_count)};
+XgazeShared aligned(const std::vector<Columns<double>>& frames, double floor) {
+    XgazeShared s{frames.front(), VecX<double>::Ones(landmark_count)};
     const auto n = static_cast<double>(frames.size());
     constexpr int rounds = 10;
     // Neighbours move alike, so that inverse variances trust many that move too much. Of powers 1
@@ -591,7 +591,8 @@ void require_landmarks(const XgazeSource& s, const XgazeFrame& f, const Columns<
     }
 }
 
-ImportFrame frame_of(const XgazeSource& s, const Shared& shared, const XgazeFrame& f, Json& facts) {
+ImportFrame frame_of(const XgazeSource& s, const XgazeShared& shared, const XgazeFrame& f,
+                     Json& facts) {
     const Triangulated t = triangulated(f);
     require_landmarks(s, f, t.points);
     const Rigid<double> pose =
@@ -628,7 +629,7 @@ ImportFrame frame_of(const XgazeSource& s, const Shared& shared, const XgazeFram
 }
 
 /// Converts the file's lengths to rye's units, and takes the head frame from all frames.
-Shared prepared(XgazeSource& s) {
+XgazeShared prepared(XgazeSource& s) {
     const Columns<double> first = triangulated(s.frames.front()).points;
     const double span = (first.rowwise().maxCoeff() - first.rowwise().minCoeff()).norm();
     require(std::isfinite(span) && span > 0, s.file->name() + ": facial_landmarks",
@@ -643,19 +644,19 @@ Shared prepared(XgazeSource& s) {
     for (std::size_t i = 0; i < s.frames.size(); i += stride)
         frames.push_back(triangulated(s.frames[i]).points);
     constexpr double floor = 0.005; // of the span: about a millimetre
-    Shared shared = aligned(frames, floor * s.factor * span);
+    XgazeShared shared = aligned(frames, floor * s.factor * span);
     const Rigid<double> head = head_of(shared.reference);
     shared.reference = (head.rotation.transpose() *
                         (shared.reference.colwise() - head.translation)).eval();
     return shared;
 }
 
-struct Totals {
+struct XgazeTotals {
     double error = 0, spread = 0;
     int views = 0;
 };
 
-void summarize(const XgazeSource& s, const Totals& t, ImportSummary& summary) {
+void summarize(const XgazeSource& s, const XgazeTotals& t, ImportSummary& summary) {
     const double frames = summary.frames;
     const bool codes = !s.frames.front().expression.empty();
     summary.found.push_back(
@@ -701,11 +702,11 @@ ImportSummary import_xgaze(const ImportOptions& o) {
     require(fs::is_regular_file(o.source), o.source.string(),
             "is a folder, expected one HDF5 file, of one subject");
     const Hdf5File file(o.source);
-    XgazeSource s = read_source(file, o);
-    const Shared shared = prepared(s);
+    XgazeSource s = read_xgaze(file, o);
+    const XgazeShared shared = prepared(s);
     ImportFolder folder(o.out, job);
     ImportSummary summary;
-    Totals totals;
+    XgazeTotals totals;
     Json train = Json::array(), test = Json::array();
     for (const XgazeFrame& f : s.frames) {
         if (!folder.has(f.id)) {

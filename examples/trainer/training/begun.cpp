@@ -6,6 +6,7 @@
 #include <fstream>
 
 #include "data/config_difference.hpp"
+#include "data/json.hpp"
 
 namespace rye::trainer {
 
@@ -20,7 +21,7 @@ bool has_stage_one(const std::filesystem::path& run) {
     if (length == 0 || length > most) return false;
     std::string text(static_cast<std::size_t>(length), ' ');
     if (!file.read(text.data(), static_cast<std::streamsize>(length))) return false;
-    const auto json = nlohmann::json::parse(text, nullptr, false);
+    const auto json = json_or_discarded(text);
     const nlohmann::json none = nlohmann::json::object();
     const auto words = json.is_object() ? json.find("__metadata__") : none.end();
     return json.is_object() && words != json.end() && words->is_object() &&

@@ -27,7 +27,7 @@ namespace {
 
 /// Bound on CameraFinding::off [mm]. The correct cameras of six rendered heads, of rye's own, ICT's
 /// and MakeHuman's, seem off by up to 0.8 mm, and by 1.1 with wrong poses and landmarks.
-constexpr double bound = 1.5;
+constexpr double bound_mm = 1.5;
 constexpr std::size_t fewest_frames = 6;
 constexpr int fewest_eyes = 6; ///< in a camera's pictures
 constexpr double fewest_facing = 0.7; ///< cosine: irises that are seen more from the side mislead
@@ -39,7 +39,7 @@ constexpr double seems_nearer = 0.04;
 class CameraCorrector {
   public:
     CameraCorrector(Capture& capture, const TrainConfig& config) : c_(capture), config_(config) {
-        found_.bound = bound;
+        found_.bound = bound_mm;
         if (!can_judge()) return;
         choose_frames();
         if (judged_.empty()) return;
@@ -294,7 +294,7 @@ class CameraCorrector {
         for (std::size_t k = 0; k < cameras_.size(); ++k) {
             CameraFinding moved;
             displacement(k, now[k], moved);
-            if (moved.off <= bound) continue;
+            if (moved.off <= bound_mm) continue;
             std::vector<Pinhole<double>> but_one = now;
             but_one[k] = cameras_[k];
             const double before = skin.differences(but_one)[k];
@@ -432,7 +432,7 @@ std::vector<std::string> CameraFindings::lines() const {
     std::vector<std::string> out;
     std::size_t right = 0;
     for (const CameraFinding& f : all) {
-        right += f.off <= bound ? 1 : 0;
+        right += f.off <= bound_mm ? 1 : 0;
         if (!f.wrong) continue;
         out.push_back("camera " + f.camera +
                       text(": %.2f deg, %.1f mm, focal %+.1f %%; shows the head %.1f px off, its "
@@ -442,7 +442,7 @@ std::vector<std::string> CameraFindings::lines() const {
     }
     if (!all.empty())
         out.push_back("cameras: " + std::to_string(right) + " of " + std::to_string(all.size()) +
-                      text(" show the head within %.2g mm of where labels say", bound));
+                      text(" show the head within %.2g mm of where labels say", bound_mm));
     out.insert(out.end(), not_judged.begin(), not_judged.end());
     return out;
 }
@@ -454,7 +454,7 @@ nlohmann::ordered_json CameraFindings::json() const {
                            {"wrong", f.wrong}, {"irises", f.irises}, {"before_px", f.before},
                            {"after_px", f.after}, {"turn_deg", f.turn}, {"shift_mm", f.shift},
                            {"focal_percent", f.focal}});
-    return {{"bound_mm", bound}, {"cameras", cameras}, {"not_judged", not_judged}};
+    return {{"bound_mm", bound_mm}, {"cameras", cameras}, {"not_judged", not_judged}};
 }
 
 CameraFindings correct_cameras(Capture& capture, const TrainConfig& config) {

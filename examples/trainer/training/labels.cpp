@@ -80,7 +80,7 @@ class Corrector {
     }
 
     /// Corrects the expressions by the face model's shapes, and returns the frames' motions.
-    std::vector<RigidMotion> expressions() {
+    std::vector<RigidMotion<double>> expressions() {
         // Points of all frames together, so that the time is bounded.
         constexpr std::size_t most = 200'000;
         const std::size_t vertices = static_cast<std::size_t>(frame(0).vertices.cols());
@@ -125,13 +125,13 @@ class Corrector {
     }
 
     /// Returns the frames' motions without a face model.
-    std::vector<RigidMotion> aligned() {
+    std::vector<RigidMotion<double>> aligned() {
         // Every n-th of many frames form a group, so that a least-squares problem has few unknowns.
         constexpr std::size_t most = 96;
         const Columns<double> x = regressors(c_);
         const Columns<double> reach = reaches();
         const std::size_t groups = (count() + most - 1) / most;
-        std::vector<RigidMotion> motion(count());
+        std::vector<RigidMotion<double>> motion(count());
         for (std::size_t g = 0; g < groups; ++g) {
             std::vector<Columns<double>> canonical;
             std::vector<std::size_t> which;
@@ -142,7 +142,7 @@ class Corrector {
             Columns<double> of(x.rows(), static_cast<Index>(which.size()));
             for (std::size_t k = 0; k < which.size(); ++k)
                 of.col(static_cast<Index>(k)) = x.col(static_cast<Index>(which[k]));
-            const std::vector<RigidMotion> found = align_frames(canonical, of, reach);
+            const std::vector<RigidMotion<double>> found = align_frames(canonical, of, reach);
             for (std::size_t k = 0; k < which.size(); ++k) motion[which[k]] = found[k];
         }
         return motion;
@@ -191,9 +191,9 @@ class Corrector {
             found_.moved.push_back(world);
         }
     }
-    void poses(const std::vector<RigidMotion>& motion) {
+    void poses(const std::vector<RigidMotion<double>>& motion) {
         std::vector<double> turn, shift;
-        for (const RigidMotion& m : motion) {
+        for (const RigidMotion<double>& m : motion) {
             turn.push_back(so3_log(m.rotation).norm() / degree);
             shift.push_back(mm_per_unit * m.translation.norm());
         }
@@ -209,7 +209,7 @@ class Corrector {
         for (std::size_t i = 0; i < count(); ++i) {
             // x_head,new = m(x_head): positions in the world are unchanged.
             CaptureFrame& f = frame(i);
-            const RigidMotion back = motion[i].inverse();
+            const RigidMotion<double> back = motion[i].inverse();
             const Mat3<double> r = so3_exp(Vec3<double>(f.pose.head<3>()));
             f.pose.tail<3>() += f.scale * (r * back.translation);
             f.pose.head<3>() = so3_log(Mat3<double>(r * back.rotation));

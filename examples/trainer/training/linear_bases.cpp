@@ -14,7 +14,7 @@ namespace rye::trainer {
 namespace {
 
 constexpr const char* sides[] = {"left", "right"};
-constexpr const char* angles[] = {"pitch", "yaw"};
+constexpr const char* angle_names[] = {"pitch", "yaw"};
 
 /// One end of a driver's range, and the drivers there.
 struct End {
@@ -54,7 +54,7 @@ std::vector<End> ends_of(const BasesOf& of) {
         const auto e = static_cast<Index>(eye);
         const Vec2<float> from = pitch_yaw(rest.gaze[eye]);
         for (Index k = 0; k < 2; ++k)
-            add_ends(ends, std::string("gaze_") + sides[eye] + "_" + angles[k],
+            add_ends(ends, std::string("gaze_") + sides[eye] + "_" + angle_names[k],
                      {degrees * number(of.ranges.gaze_low(k, e)), degrees * number(from[k]),
                       degrees * number(of.ranges.gaze_high(k, e))},
                      least_angle, [&](float x) {

@@ -13,6 +13,7 @@
 
 #include "data/checksums.hpp"
 #include "data/corrected_cameras.hpp"
+#include "data/json.hpp"
 #include "data/picture.hpp"
 #include "data/run_frames.hpp"
 #include "training/cameras.hpp"
@@ -44,7 +45,7 @@ std::string kept_log(const fs::path& log, const TrainState& state, int& damaged)
     std::string kept;
     for (std::string line; std::getline(old, line);) {
         const bool complete = !old.eof();  // its line end was read
-        auto json = nlohmann::json::parse(line, nullptr, false);
+        auto json = json_or_discarded(line);
         const Checked sum = take_checksum(json);
         const auto is = [&](const char* key, auto type) {
             return json.contains(key) && (json.at(key).*type)();
@@ -63,7 +64,9 @@ std::string kept_log(const fs::path& log, const TrainState& state, int& damaged)
                             (mesh == (state.stage == Stage::mesh) &&
                              json.at("step").get<std::int64_t>() <= state.step);
         if (before)
-            kept += checked ? line + "\n" : checked_text(nlohmann::ordered_json::parse(line), -1);
+            kept += checked ? line + "\n"
+                            : checked_text(
+                                  parse_json_text<nlohmann::ordered_json>(line, log.string()), -1);
     }
     return kept;
 }

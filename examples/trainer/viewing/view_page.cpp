@@ -14,22 +14,20 @@
 namespace rye::trainer {
 namespace {
 
-using Json = nlohmann::json;
-
-constexpr int least_side = 16, most_side = 2048, quality = 95;
+constexpr int least_side = 16, most_side = 2048, jpeg_quality = 95;
 constexpr double largest_number = 1e9, most_life = 3600;
 
 /// Returns the numbers of a field, which has `count` of them; empty if there is no such field.
 template <class T = float>
-std::vector<T> numbers_of(const Json& request, const char* key, Index count,
+std::vector<T> numbers_of(const nlohmann::json& request, const char* key, Index count,
                           const std::string& who = "draw") {
     if (!request.contains(key)) return {};
-    const Json& list = json_list(request, key, who, "a list of numbers");
+    const nlohmann::json& list = json_list(request, key, who, "a list of numbers");
     const std::string field = who + ": " + key;
     require(list.size() == static_cast<std::size_t>(count), field, "got ", list.size(),
             " numbers, expected ", count);
     std::vector<T> numbers;
-    for (const Json& x : list) {
+    for (const nlohmann::json& x : list) {
         numbers.push_back(static_cast<T>(json_number(x, field)));
         require(std::abs(static_cast<double>(numbers.back())) <= largest_number, field, "got ",
                 numbers.back(), ", expected at most 1e9");
@@ -37,15 +35,15 @@ std::vector<T> numbers_of(const Json& request, const char* key, Index count,
     return numbers;
 }
 
-Json object_of(const std::string& body, const std::string& who) {
-    Json request = parse_json_text(body, who);
+nlohmann::json object_of(const std::string& body, const std::string& who) {
+    nlohmann::json request = parse_json_text(body, who);
     require(
         request.is_object(), who, "got ", [&] { return json_excerpt(request); },
         ", expected an object");
     return request;
 }
 
-int side_of(const Json& request, const char* key, int otherwise) {
+int side_of(const nlohmann::json& request, const char* key, int otherwise) {
     const double x = json_number(request, key, otherwise, "draw");
     require(x >= least_side && x <= most_side && x == std::floor(x), std::string("draw: ") + key,
             "got ", x, ", expected ", least_side, " to ", most_side, " pixels");
@@ -53,7 +51,7 @@ int side_of(const Json& request, const char* key, int otherwise) {
 }
 
 /// Changes a wish as a request asks.
-void change(ViewWish& w, const Json& request) {
+void change(ViewWish& w, const nlohmann::json& request) {
     Drivers<float>& d = w.drivers;
     // In double, as of every other source: the same angles are the same bits.
     const std::vector<double> gaze = numbers_of<double>(request, "gaze", 4);
@@ -88,7 +86,9 @@ void change(ViewWish& w, const Json& request) {
     w.effects = json_text(request, "effects", w.effects, "draw");
 }
 
-WebAnswer json_answer(const Json& json) { return {200, "application/json", json.dump(), {}}; }
+WebAnswer json_answer(const nlohmann::json& json) {
+    return {200, "application/json", json.dump(), {}};
+}
 
 } // namespace
 
@@ -107,7 +107,7 @@ ViewedScene& ViewPage::scene() {
 
 WebAnswer ViewPage::picture(const std::string& body) {
     ViewedScene& shown = scene();
-    const Json request = object_of(body, "draw");
+    const nlohmann::json request = object_of(body, "draw");
     ViewWish wish = wish_;
     change(wish, request);
     ViewWish moved = wish;
@@ -119,14 +119,15 @@ WebAnswer ViewPage::picture(const std::string& body) {
         shown.add_life(life, moved.drivers);
     const ViewedPicture p = shown.draw(moved);
     wish_ = wish; // what can be drawn is kept
-    const Bytes jpeg = encode_jpeg(to_8bit(p.picture), quality, "rye view");
-    const Json told{{"ms", p.ms}, {"work", {{"gaussians", p.gaussians}, {"pixels", p.pixels}}}};
+    const Bytes jpeg = encode_jpeg(to_8bit(p.picture), jpeg_quality, "rye view");
+    const nlohmann::json told{{"ms", p.ms},
+                              {"work", {{"gaussians", p.gaussians}, {"pixels", p.pixels}}}};
     return {200, "image/jpeg", std::string(as_text(jpeg)), {{"X-Rye", told.dump()}}};
 }
 
 WebAnswer ViewPage::aimed(const std::string& body) {
     ViewedScene& shown = scene();
-    const Json request = object_of(body, "aim");
+    const nlohmann::json request = object_of(body, "aim");
     const std::vector<float> point = numbers_of(request, "point", 3, "aim"),
                              pose = numbers_of(request, "pose", 6, "aim");
     require(!point.empty(), "aim: point", "got none, expected 3 numbers");
@@ -137,7 +138,7 @@ WebAnswer ViewPage::aimed(const std::string& body) {
     if (!expression.empty())
         d.expression = Eigen::Map<const VecX<float>>(expression.data(), d.expression.size());
     shown.look_to(Vec3<float>(point[0], point[1], point[2]), d);
-    Json angles = Json::array();
+    nlohmann::json angles = nlohmann::json::array();
     for (const Vec3<float>& gaze : d.gaze) {
         const Vec2<float> a = pitch_yaw(gaze);
         require(std::isfinite(a[0]) && std::isfinite(a[1]), "aim: point",
@@ -170,7 +171,7 @@ WebAnswer ViewPage::answer(const WebRequest& r) {
         if (!scene_)
             return json_answer({{"scene", number_},
                                 {"waiting", words_.empty() ? "there is no picture yet" : words_}});
-        Json opened = scene_->description();
+        nlohmann::json opened = scene_->description();
         opened["scene"] = number_;
         opened["accuracies"] = scene_->accuracies();
         opened["accuracy"] = scene_->usual();
@@ -181,7 +182,7 @@ WebAnswer ViewPage::answer(const WebRequest& r) {
     if (r.path == "draw" && r.method == "POST") return picture(r.body);
     if (r.path == "aim" && r.method == "POST") return aimed(r.body);
     if (r.path == "prices" && r.method == "POST") {
-        Json list = Json::array();
+        nlohmann::json list = nlohmann::json::array();
         ViewWish wish = wish_;
         if (live_) live_(wish.drivers);
         for (const ViewedPrice& p : scene().prices(wish))

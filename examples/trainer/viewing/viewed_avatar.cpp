@@ -17,7 +17,6 @@
 namespace rye::trainer {
 namespace {
 
-using Json = nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
 double ms_since(Clock::time_point begin) {
@@ -67,7 +66,7 @@ class ViewedHead : public ViewedScene {
         usual_ = "device";
     }
 
-    Json description() const override {
+    nlohmann::json description() const override {
         const HeadPlace<float> place = head_place(playable_);
         const Drivers<float>& d = playable_.neutral;
         const Pinhole<float>& c = playable_.camera;

@@ -14,7 +14,6 @@
 namespace rye::trainer {
 namespace {
 
-using Json = nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
 /// Share of the means that lie within the radius of a scene.
@@ -49,7 +48,7 @@ class ViewedSplats : public ViewedScene {
                                  Vec3<float>(0, -1, 0), field, {side, side});
     }
 
-    Json description() const override {
+    nlohmann::json description() const override {
         const Pinhole<float>& c = camera_;
         std::vector<float> motion;
         for (Index row = 0; row < 3; ++row) {

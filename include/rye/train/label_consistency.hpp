@@ -14,12 +14,14 @@
 #include <limits>
 #include <map>
 #include <numeric>
+#include <type_traits>
 #include <vector>
 
 #include <Eigen/Cholesky>
 #include <Eigen/SVD>
 
 #include <rye/core/columns.hpp>
+#include <rye/core/concepts.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 
@@ -29,13 +31,13 @@ namespace detail {
 
 /// Eigenvectors of a positive semidefinite matrix, and their values, largest first. Uses Jacobi's
 /// rotations, which need no block of memory on the stack.
+template <Real T>
 struct PositiveModes {
-    Eigen::MatrixXd vectors;
-    VecX<double> values;
+    Columns<T> vectors;
+    VecX<T> values;
 
-    explicit PositiveModes(const Eigen::MatrixXd& a) {
-        const Eigen::JacobiSVD<Eigen::MatrixXd, Eigen::NoQRPreconditioner> svd(a,
-                                                                               Eigen::ComputeFullU);
+    explicit PositiveModes(const Columns<T>& a) {
+        const Eigen::JacobiSVD<Columns<T>, Eigen::NoQRPreconditioner> svd(a, Eigen::ComputeFullU);
         vectors = svd.matrixU();
         values = svd.singularValues();
     }
@@ -45,52 +47,51 @@ struct PositiveModes {
 
 /// Linear regressions of quantities of F frames on the frames' drivers, each with the ridge that
 /// best predicts left-out frames.
+template <Real T>
 class LeftOutRidge {
   public:
     /// x: K regressors x F frames. Throws an Error for fewer than three frames.
-    explicit LeftOutRidge(const Columns<double>& x) {
+    explicit LeftOutRidge(const Columns<T>& x) {
         const Index n = x.cols();
         require(n >= 3, "LeftOutRidge", "got ", n, " frames, expected 3 or more");
-        const Columns<double> centred = x.colwise() - x.rowwise().mean();
-        const detail::PositiveModes modes(centred.transpose() * centred);
+        const Columns<T> centred = x.colwise() - x.rowwise().mean();
+        const detail::PositiveModes<T> modes(centred.transpose() * centred);
         vectors_ = modes.vectors;
         values_ = modes.values;
-        const double largest = std::max(values_.maxCoeff(), 1e-12);
-        ridges_ = {std::numeric_limits<double>::infinity()};
-        for (double r = 30; r > 1e-4; r /= 3) ridges_.push_back(r * largest);
+        const T largest = std::max(values_.maxCoeff(), T(1e-12));
+        ridges_ = {std::numeric_limits<T>::infinity()};
+        for (T r = 30; r > T(1e-4); r /= 3) ridges_.push_back(r * largest);
     }
 
     /// Predictions of some quantities, D x F.
     struct Fit {
-        Columns<double> fitted;   ///< D x F
-        Columns<double> left_out; ///< each frame as predicted by the others, D x F
-        double rms = 0;           ///< error of left_out
-        double ridge = 0;         ///< infinite if the mean is the best prediction
+        Columns<T> fitted;   ///< D x F
+        Columns<T> left_out; ///< each frame as predicted by the others, D x F
+        T rms = 0;           ///< error of left_out
+        T ridge = 0;         ///< infinite if the mean is the best prediction
     };
     /// Returns the fit of y, D x F, whose rows share a ridge.
-    Fit fit(const Columns<double>& y) const {
+    Fit fit(const Columns<T>& y) const {
         Fit best;
-        best.rms = std::numeric_limits<double>::infinity();
+        best.rms = std::numeric_limits<T>::infinity();
         const Index n = y.cols();
-        const VecX<double> mean = y.rowwise().mean();
-        const Eigen::MatrixXd turned = (y.colwise() - mean) * vectors_; // D x F
-        for (const double ridge : ridges_) {
-            VecX<double> keep = VecX<double>::Zero(n);
+        const VecX<T> mean = y.rowwise().mean();
+        const Columns<T> turned = (y.colwise() - mean) * vectors_; // D x F
+        for (const T ridge : ridges_) {
+            VecX<T> keep = VecX<T>::Zero(n);
             if (std::isfinite(ridge)) keep = values_.array() / (values_.array() + ridge);
-            Columns<double> fitted = turned * keep.asDiagonal() * vectors_.transpose();
+            Columns<T> fitted = turned * keep.asDiagonal() * vectors_.transpose();
             fitted.colwise() += mean;
-            Columns<double> left_out = fitted;
+            Columns<T> left_out = fitted;
             for (Index f = 0; f < n; ++f) {
-                const double own =
-                    1.0 / static_cast<double>(n) +
-                    (vectors_.row(f).transpose().array().square() * keep.array()).sum();
-                const double rest = std::max(1 - own, 1e-9);
+                const T own = 1 / static_cast<T>(n) +
+                              (vectors_.row(f).transpose().array().square() * keep.array()).sum();
+                const T rest = std::max(1 - own, T(1e-9));
                 left_out.col(f) = y.col(f) - (y.col(f) - fitted.col(f)) / rest;
             }
-            const double rms =
-                std::sqrt((y - left_out).squaredNorm() / static_cast<double>(y.size()));
+            const T rms = std::sqrt((y - left_out).squaredNorm() / static_cast<T>(y.size()));
             // A regression must be better than the mean by more than chance.
-            if (rms < (best.ridge == ridges_.front() ? 0.97 : 1.0) * best.rms)
+            if (rms < T(best.ridge == ridges_.front() ? 0.97 : 1.0) * best.rms)
                 best = {std::move(fitted), std::move(left_out), rms, ridge};
         }
         return best;
@@ -98,36 +99,39 @@ class LeftOutRidge {
 
     /// Returns the F x F matrix that maps a quantity of the frames to its errors, each frame
     /// predicted by the others.
-    Eigen::MatrixXd left_out_residual(double ridge) const {
+    Columns<T> left_out_residual(T ridge) const {
         const Index n = vectors_.rows();
-        VecX<double> keep = VecX<double>::Zero(n);
+        VecX<T> keep = VecX<T>::Zero(n);
         if (std::isfinite(ridge)) keep = values_.array() / (values_.array() + ridge);
-        Eigen::MatrixXd off = -(vectors_ * keep.asDiagonal() * vectors_.transpose());
-        off.array() -= 1.0 / static_cast<double>(n);
+        Columns<T> off = -(vectors_ * keep.asDiagonal() * vectors_.transpose());
+        off.array() -= 1 / static_cast<T>(n);
         off.diagonal().array() += 1;
-        for (Index f = 0; f < n; ++f) off.row(f) /= std::max(off(f, f), 1e-9);
+        for (Index f = 0; f < n; ++f) off.row(f) /= std::max(off(f, f), T(1e-9));
         return off;
     }
 
   private:
-    Eigen::MatrixXd vectors_; ///< F x F
-    VecX<double> values_;
-    std::vector<double> ridges_; ///< the infinite one first
+    Columns<T> vectors_; ///< F x F
+    VecX<T> values_;
+    std::vector<T> ridges_; ///< the infinite one first
 };
+template <class X>
+LeftOutRidge(const Eigen::MatrixBase<X>&) -> LeftOutRidge<typename X::Scalar>;
 
 /// Rigid motion R x + t.
+template <Real T>
 struct RigidMotion {
-    Mat3<double> rotation = Mat3<double>::Identity();
-    Vec3<double> translation = Vec3<double>::Zero();
+    Mat3<T> rotation = Mat3<T>::Identity();
+    Vec3<T> translation = Vec3<T>::Zero();
 
-    Columns<double> operator()(const Columns<double>& x) const {
+    Columns<T> operator()(const Columns<T>& x) const {
         return (rotation * x).colwise() + translation;
     }
     /// Returns the motion that applies `first`, then this one.
-    RigidMotion operator*(const RigidMotion& first) const {
+    RigidMotion<T> operator*(const RigidMotion<T>& first) const {
         return {rotation * first.rotation, rotation * first.translation + translation};
     }
-    RigidMotion inverse() const {
+    RigidMotion<T> inverse() const {
         return {rotation.transpose(), -(rotation.transpose() * translation)};
     }
 };
@@ -135,8 +139,9 @@ struct RigidMotion {
 namespace detail {
 
 /// Returns the 3 x 6 derivative of a point's motion by a small rotation and shift.
-inline Mat<double, 3, 6> motion_jacobian(const Vec3<double>& x) {
-    Mat<double, 3, 6> j;
+template <Real T>
+Mat<T, 3, 6> motion_jacobian(const Vec3<T>& x) {
+    Mat<T, 3, 6> j;
     j << 0, x.z(), -x.y(), 1, 0, 0, -x.z(), 0, x.x(), 0, 1, 0, x.y(), -x.x(), 0, 0, 0, 1;
     return j;
 }
@@ -159,109 +164,108 @@ struct AlignSettings {
 /// these are linear in the landmarks, hence in small motions. The expected size of motions is
 /// estimated in rounds. A landmark is weighted by how well it is predicted, and less in a frame
 /// where it disagrees with the stillest landmarks.
-inline std::vector<RigidMotion> align_frames(const std::vector<Columns<double>>& frames,
-                                             const Columns<double>& x,
-                                             const Columns<double>& reach = {},
-                                             const AlignSettings& settings = {}) {
+template <Real T>
+std::vector<RigidMotion<T>> align_frames(const std::vector<Columns<T>>& frames, const Columns<T>& x,
+                                         const std::type_identity_t<Columns<T>>& reach = {},
+                                         const AlignSettings& settings = {}) {
     const auto n = static_cast<Index>(frames.size());
-    std::vector<RigidMotion> motion(frames.size());
+    std::vector<RigidMotion<T>> motion(frames.size());
     if (n < 3) return motion;
     const Index landmarks = frames.front().cols();
     // Landmarks moved by the same regressors share a regression.
-    std::vector<LeftOutRidge> ridges;
+    std::vector<LeftOutRidge<T>> ridges;
     std::vector<std::size_t> ridge_of(static_cast<std::size_t>(landmarks), 0);
     if (reach.size() == 0) ridges.emplace_back(x);
     std::map<std::vector<int>, std::size_t> same;
     for (Index l = 0; l < reach.cols(); ++l) {
         std::vector<int> levels;
-        VecX<double> rounded(reach.rows());
+        VecX<T> rounded(reach.rows());
         for (Index k = 0; k < reach.rows(); ++k) {
             levels.push_back(static_cast<int>(std::lround(4 * std::sqrt(reach(k, l)))));
-            rounded[k] = std::pow(levels.back() / 4.0, 2);
+            rounded[k] = T(std::pow(levels.back() / 4.0, 2));
         }
         const auto [found, is_new] = same.emplace(levels, ridges.size());
         if (is_new) ridges.emplace_back(rounded.asDiagonal() * x);
         ridge_of[static_cast<std::size_t>(l)] = found->second;
     }
-    double turn2 = settings.turn * settings.turn, shift2 = settings.shift * settings.shift;
+    T turn2 = T(settings.turn * settings.turn), shift2 = T(settings.shift * settings.shift);
     const auto centred = [&] {
-        Vec3<double> turn = Vec3<double>::Zero(), shift = Vec3<double>::Zero();
-        for (const RigidMotion& m : motion) {
-            turn += so3_log(m.rotation) / static_cast<double>(n);
-            shift += m.translation / static_cast<double>(n);
+        Vec3<T> turn = Vec3<T>::Zero(), shift = Vec3<T>::Zero();
+        for (const RigidMotion<T>& m : motion) {
+            turn += so3_log(m.rotation) / static_cast<T>(n);
+            shift += m.translation / static_cast<T>(n);
         }
-        const RigidMotion back = RigidMotion{so3_exp(turn), shift}.inverse();
-        for (RigidMotion& m : motion) m = back * m;
+        const RigidMotion<T> back = RigidMotion<T>{so3_exp(turn), shift}.inverse();
+        for (RigidMotion<T>& m : motion) m = back * m;
     };
     for (int round = 0; round < settings.rounds; ++round) {
         // Landmarks as moved so far, 3 x F each, and their statistics.
-        std::vector<Columns<double>> now(static_cast<std::size_t>(landmarks),
-                                         Columns<double>(3, n));
+        std::vector<Columns<T>> now(static_cast<std::size_t>(landmarks), Columns<T>(3, n));
         for (Index f = 0; f < n; ++f) {
             const auto at = static_cast<std::size_t>(f);
-            const Columns<double> moved = motion[at](frames[at]);
+            const Columns<T> moved = motion[at](frames[at]);
             for (Index l = 0; l < landmarks; ++l)
                 now[static_cast<std::size_t>(l)].col(f) = moved.col(l);
         }
-        std::vector<double> spread, by;
+        std::vector<T> spread, by;
         for (std::size_t l = 0; l < now.size(); ++l) {
-            const LeftOutRidge::Fit fit = ridges[ridge_of[l]].fit(now[l]);
-            spread.push_back(std::max(fit.rms, 1e-9));
+            const typename LeftOutRidge<T>::Fit fit = ridges[ridge_of[l]].fit(now[l]);
+            spread.push_back(std::max(fit.rms, T(1e-9)));
             by.push_back(fit.ridge);
         }
-        std::vector<double> sorted = spread;
+        std::vector<T> sorted = spread;
         const auto quarter = sorted.begin() + landmarks / 4;
         std::nth_element(sorted.begin(), quarter, sorted.end());
-        const double still2 = *quarter * *quarter;
-        Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(6 * n, 6 * n);
-        VecX<double> right = VecX<double>::Zero(6 * n);
+        const T still2 = *quarter * *quarter;
+        Columns<T> normal = Columns<T>::Zero(6 * n, 6 * n);
+        VecX<T> right = VecX<T>::Zero(6 * n);
         for (std::size_t l = 0; l < now.size(); ++l) {
-            const Eigen::MatrixXd off = ridges[ridge_of[l]].left_out_residual(by[l]);
-            const Columns<double> residual = now[l] * off.transpose(); // 3 x F
+            const Columns<T> off = ridges[ridge_of[l]].left_out_residual(by[l]);
+            const Columns<T> residual = now[l] * off.transpose(); // 3 x F
             // The error of a landmark beyond that of still ones is shared by those that move with
             // it: many of them tell no more than one.
-            const double excess = std::max(0.0, spread[l] * spread[l] - 1.25 * still2);
-            VecX<double> weight(n); // in units of still2^-1
+            const T excess = std::max(T(0), spread[l] * spread[l] - T(1.25) * still2);
+            VecX<T> weight(n); // in units of still2^-1
             for (Index f = 0; f < n; ++f) {
-                const double outlying = 1 + residual.col(f).squaredNorm() / (12 * still2);
-                weight[f] = still2 / ((still2 + settings.alike * excess) * outlying * outlying);
+                const T outlying = 1 + residual.col(f).squaredNorm() / (12 * still2);
+                weight[f] = still2 / ((still2 + T(settings.alike) * excess) * outlying * outlying);
             }
-            const Mat<double, 3, 6> j =
-                detail::motion_jacobian(Vec3<double>(now[l].rowwise().mean()));
-            const Mat<double, 6, 6> jj = j.transpose() * j;
-            const Eigen::MatrixXd weighted = weight.asDiagonal() * off;
-            const Eigen::MatrixXd both = off.transpose() * weighted;
-            const Eigen::MatrixXd pulled = j.transpose() * residual * weighted; // 6 x F
+            const Mat<T, 3, 6> j = detail::motion_jacobian(Vec3<T>(now[l].rowwise().mean()));
+            const Mat<T, 6, 6> jj = j.transpose() * j;
+            const Columns<T> weighted = weight.asDiagonal() * off;
+            const Columns<T> both = off.transpose() * weighted;
+            const Columns<T> pulled = j.transpose() * residual * weighted; // 6 x F
             for (Index f = 0; f < n; ++f) {
-                right.segment<6>(6 * f) -= pulled.col(f);
+                right.template segment<6>(6 * f) -= pulled.col(f);
                 for (Index g = 0; g <= f; ++g)
-                    normal.block<6, 6>(6 * f, 6 * g) += both(f, g) * jj;
+                    normal.template block<6, 6>(6 * f, 6 * g) += both(f, g) * jj;
             }
         }
-        VecX<double> total(6 * n);
+        VecX<T> total(6 * n);
         for (Index f = 0; f < n; ++f) {
-            const RigidMotion& m = motion[static_cast<std::size_t>(f)];
-            total.segment<3>(6 * f) = so3_log(m.rotation);
-            total.segment<3>(6 * f + 3) = m.translation;
+            const RigidMotion<T>& m = motion[static_cast<std::size_t>(f)];
+            total.template segment<3>(6 * f) = so3_log(m.rotation);
+            total.template segment<3>(6 * f + 3) = m.translation;
         }
         for (Index i = 0; i < 6 * n; ++i) {
-            const double p = still2 / (i % 6 < 3 ? turn2 : shift2);
+            const T p = still2 / (i % 6 < 3 ? turn2 : shift2);
             normal(i, i) += p;
             right[i] -= p * total[i];
         }
-        const Eigen::LDLT<Eigen::MatrixXd, Eigen::Lower> solver(normal);
-        const VecX<double> step = solver.solve(right);
-        const Eigen::MatrixXd inverse =
-            solver.solve(Eigen::MatrixXd::Identity(6 * n, 6 * n));
+        const Eigen::LDLT<Columns<T>, Eigen::Lower> solver(normal);
+        const VecX<T> step = solver.solve(right);
+        const Columns<T> inverse = solver.solve(Columns<T>::Identity(6 * n, 6 * n));
         total += step;
         turn2 = shift2 = 0;
         for (Index i = 0; i < 6 * n; ++i)
-            (i % 6 < 3 ? turn2 : shift2) += (total[i] * total[i] + still2 * inverse(i, i)) /
-                                            static_cast<double>(3 * n);
+            (i % 6 < 3 ? turn2 : shift2) +=
+                (total[i] * total[i] + still2 * inverse(i, i)) / static_cast<T>(3 * n);
         for (Index f = 0; f < n; ++f) {
-            const Vec<double, 6> s = step.segment<6>(6 * f);
-            RigidMotion& m = motion[static_cast<std::size_t>(f)];
-            m = RigidMotion{so3_exp(Vec3<double>(s.head<3>())), Vec3<double>(s.tail<3>())} * m;
+            const Vec<T, 6> s = step.template segment<6>(6 * f);
+            RigidMotion<T>& m = motion[static_cast<std::size_t>(f)];
+            m = RigidMotion<T>{so3_exp(Vec3<T>(s.template head<3>())),
+                               Vec3<T>(s.template tail<3>())} *
+                m;
         }
         centred();
     }
@@ -269,26 +273,28 @@ inline std::vector<RigidMotion> align_frames(const std::vector<Columns<double>>&
 }
 
 /// Landmarks of frames without the noise that neighbours do not share.
+template <Real T>
 struct SmoothedLandmarks {
-    std::vector<Columns<double>> frames; ///< 3 x L each
-    double noise = 0;                    ///< estimated standard deviation of a coordinate's noise
+    std::vector<Columns<T>> frames; ///< 3 x L each
+    T noise = 0;                    ///< estimated standard deviation of a coordinate's noise
 };
 
 /// Removes noise from the landmarks of frames, 3 x L each: differences from their mean over frames
 /// are filtered over the eigenvectors of the landmarks' neighbourhood, each scaled by its share
 /// above the noise, which is estimated from the roughest quarter of them.
-inline SmoothedLandmarks smoothed_landmarks(const std::vector<Columns<double>>& frames) {
-    SmoothedLandmarks s{frames, 0};
+template <Real T>
+SmoothedLandmarks<T> smoothed_landmarks(const std::vector<Columns<T>>& frames) {
+    SmoothedLandmarks<T> s{frames, 0};
     const auto n = static_cast<Index>(frames.size());
     if (n < 3) return s;
     const Index landmarks = frames.front().cols();
-    Columns<double> mean = Columns<double>::Zero(3, landmarks);
-    for (const Columns<double>& f : frames) mean += f / static_cast<double>(n);
+    Columns<T> mean = Columns<T>::Zero(3, landmarks);
+    for (const Columns<T>& f : frames) mean += f / static_cast<T>(n);
     constexpr Index near = 8;
     const Index neighbours = std::min(near, landmarks - 1);
-    Eigen::MatrixXd laplacian = Eigen::MatrixXd::Zero(landmarks, landmarks);
+    Columns<T> laplacian = Columns<T>::Zero(landmarks, landmarks);
     for (Index l = 0; l < landmarks; ++l) {
-        std::vector<std::pair<double, Index>> by_distance;
+        std::vector<std::pair<T, Index>> by_distance;
         for (Index k = 0; k < landmarks; ++k)
             if (k != l) by_distance.emplace_back((mean.col(k) - mean.col(l)).squaredNorm(), k);
         std::sort(by_distance.begin(), by_distance.end());
@@ -298,27 +304,27 @@ inline SmoothedLandmarks smoothed_landmarks(const std::vector<Columns<double>>& 
         }
     }
     for (Index l = 0; l < landmarks; ++l) laplacian(l, l) = -laplacian.row(l).sum();
-    const Eigen::MatrixXd modes = // smoothest first
-        detail::PositiveModes(laplacian).vectors.rowwise().reverse();
-    std::vector<Eigen::MatrixXd> parts; // 3 x L of each frame
-    for (const Columns<double>& f : frames) parts.push_back((f - mean) * modes);
+    const Columns<T> modes = // smoothest first
+        detail::PositiveModes<T>(laplacian).vectors.rowwise().reverse();
+    std::vector<Columns<T>> parts; // 3 x L of each frame
+    for (const Columns<T>& f : frames) parts.push_back((f - mean) * modes);
     // Energy of a coordinate of each mode, over frames, corrected for the subtracted mean.
-    const double left = static_cast<double>(n - 1) / static_cast<double>(n);
-    VecX<double> energy = VecX<double>::Zero(landmarks);
-    for (const Eigen::MatrixXd& p : parts)
-        energy += p.colwise().squaredNorm().transpose() / (3 * static_cast<double>(n) * left);
-    std::vector<double> rough(energy.data() + 3 * landmarks / 4, energy.data() + landmarks);
+    const T left = static_cast<T>(n - 1) / static_cast<T>(n);
+    VecX<T> energy = VecX<T>::Zero(landmarks);
+    for (const Columns<T>& p : parts)
+        energy += p.colwise().squaredNorm().transpose() / (3 * static_cast<T>(n) * left);
+    std::vector<T> rough(energy.data() + 3 * landmarks / 4, energy.data() + landmarks);
     std::nth_element(rough.begin(), rough.begin() + static_cast<std::ptrdiff_t>(rough.size() / 2),
                      rough.end());
-    const double variance = rough[rough.size() / 2];
+    const T variance = rough[rough.size() / 2];
     s.noise = std::sqrt(variance);
     // Over a few modes together, so that chance does not decide about one.
     constexpr Index together = 3;
     for (Index m = 0; m < landmarks; m += together) {
         const Index count = std::min(together, landmarks - m);
-        const double mine = energy.segment(m, count).mean();
-        const double keep = mine > variance ? 1 - variance / mine : 0;
-        for (Eigen::MatrixXd& p : parts) p.middleCols(m, count) *= keep;
+        const T mine = energy.segment(m, count).mean();
+        const T keep = mine > variance ? 1 - variance / mine : 0;
+        for (Columns<T>& p : parts) p.middleCols(m, count) *= keep;
     }
     for (std::size_t f = 0; f < frames.size(); ++f)
         s.frames[f] = mean + parts[f] * modes.transpose();
