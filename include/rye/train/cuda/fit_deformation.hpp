@@ -178,7 +178,7 @@ class DeviceDeformationFit {
 
     static constexpr int steps_at_once = 32; ///< whose frames are sent together
 
-    /// Begins steps [begin, begin + count), count at most steps_at_once, with fit.batch frames each.
+    /// Begins steps [begin, begin + count), at most steps_at_once, of fit.batch frames each.
     void begin(int begin, int count, const std::vector<Frame>& frames) {
         std::vector<float> numbers(static_cast<std::size_t>(count * numbers_of_step_));
         float* at = numbers.data();
@@ -189,8 +189,7 @@ class DeviceDeformationFit {
         }
         device_.send(queue_, draws_.data(), numbers.data(), numbers.size() * sizeof(float));
         device_.fill(queue_, step_.data(), 0, sizeof(std::uint32_t));
-        for (int i = 0; i < count; ++i)
-            graphs_.run(queue_, 0, 0, [&] { step(); });
+        for (int i = 0; i < count; ++i) graphs_.run(queue_, 0, 0, [&] { step(); });
     }
     /// Returns the sum of the squared errors of the landmarks' coordinates of each frame of the
     /// steps that were begun. Waits.
@@ -283,9 +282,8 @@ class DeviceDeformationFit {
         launch_each(device_, queue_, numbers_of_step_,
                     detail::TakeFitStep{draws_.data(), step_.data(), numbers_of_step_, now_.data(),
                                         control_.data()});
-        branches_.run(queue_, lanes_.size(), [&](std::size_t f, const CudaQueue& queue) {
-            frame(*lanes_[f], queue);
-        });
+        branches_.run(queue_, lanes_.size(),
+                      [&](std::size_t f, const CudaQueue& queue) { frame(*lanes_[f], queue); });
         launch_each(device_, queue_, layout_.size(),
                     detail::EndFitStep{each_.data(), layout_.size(), fit_.batch, gradient_.data(),
                                        squares_.data(), kept_.data(), step_.data()});
