@@ -116,6 +116,7 @@ void PosedHead::add_eyeball(const Eyeball& eye, const HeadState& state, int inde
 
 PosedHead::PosedHead(const HeadModel& model, const HeadState& state)
     : model_(model),
+      world_from_lights_(state.world_from_lights),
       faces_(model.faces),
       parts_(model.parts),
       caster_(Columns<double>(3, 0), {}) {
@@ -147,7 +148,8 @@ void PosedHead::find_normals() {
 }
 
 void PosedHead::gather_light() {
-    const std::vector<Beam> all = beams();
+    std::vector<Beam> all = beams();
+    for (Beam& beam : all) beam.to = world_from_lights_ * beam.to;
     light_ = Columns<double>::Zero(5, vertices_.cols());
     for_chunks(program_threads(), vertices_.cols(), 256, [&](Index begin, Index end, Index) {
         for (Index i = begin; i < end; ++i) {
@@ -240,6 +242,9 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
     V3 n = blend(normals_);
     n /= std::max(n.norm(), 1e-12);
     const Vec<double, 5> light = blend(light_);
+    // As the softboxes see them.
+    const V3 along = world_from_lights_.transpose() * ray.direction,
+             normal = world_from_lights_.transpose() * n;
     const V3 fallen = (light.head<3>() + bounced) / std::numbers::pi;
     const V3 half_grey(0.10, 0.045, 0.035);
     V3 colour;
@@ -250,7 +255,7 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
         const V3 albedo = eye_colour(ray, at, part == Part::eyeball_left ? 0 : 1, inside);
         colour = albedo.cwiseProduct(fallen);
         // Reflection of the softboxes on the wet surface, where the lids do not hide them.
-        const V3 mirror = ray.direction - 2 * n.dot(ray.direction) * n;
+        const V3 mirror = along - 2 * normal.dot(along) * normal;
         const double grazing = power(1 - std::clamp(-n.dot(ray.direction), 0.0, 1.0), 5);
         const double reflects = 0.035 + 0.6 * grazing;
         for (int b = 0; b < 2; ++b) {
@@ -287,11 +292,11 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
     // Specular skin: a broad and a narrow lobe about each softbox's centre.
     for (int b = 0; b < 2; ++b) {
         const Softbox& s = softboxes[static_cast<std::size_t>(b)];
-        const V3 middle = normalized(V3(s.to - ray.direction));
-        const double nh = std::max(0.0, n.dot(middle)), nl = std::max(0.0, n.dot(s.to));
+        const V3 middle = normalized(V3(s.to - along));
+        const double nh = std::max(0.0, normal.dot(middle)), nl = std::max(0.0, normal.dot(s.to));
         const double lobe = 0.7 * power(nh, 12) * 20 / 25 + 0.3 * power(nh, 50) * 58 / 25;
         const double fresnel =
-            0.035 + 0.5 * power(1 - std::max(0.0, -middle.dot(ray.direction)), 5);
+            0.035 + 0.5 * power(1 - std::max(0.0, -middle.dot(along)), 5);
         const double solid = 4 * s.half_size * s.half_size;
         colour += s.radiance * (solid * nl * lobe * fresnel * skin[3] * 1.4 * light[3 + b]);
     }

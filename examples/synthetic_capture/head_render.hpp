@@ -24,6 +24,8 @@ struct HeadState {
     /// Displacements of the eyeballs, which carry their lids along, head frame.
     std::array<Vec3<double>, 2> eye_offset{Vec3<double>::Zero(), Vec3<double>::Zero()};
     Rigid<double> world_from_head = {};
+    /// Turn of the lights, which are at infinity.
+    Mat3<double> world_from_lights = Mat3<double>::Identity();
 };
 
 /// An image premultiplied over black: composite with image + (1 - mask) * background, in sRGB.
@@ -51,6 +53,7 @@ class PosedHead {
     Vec3<double> eye_colour(const Ray& ray, const Vec3<double>& at, int eye, double& cover) const;
 
     const HeadModel& model_;
+    Mat3<double> world_from_lights_;
     Points vertices_, normals_;
     std::vector<Face> faces_;
     std::vector<Part> parts_;

@@ -49,6 +49,20 @@ Vec<double, 6> pose_at(double seconds, const VideoSettings& v) {
     return pose;
 }
 
+/// Returns where a camera at `at`, held in a hand, has gone at a time [s]: what takes points of its
+/// place at rest to those of its place now.
+Rigid<double> sway_at(double seconds, const Vec3<double>& at) {
+    const auto wave = [&](double period, double phase) {
+        const double turns = seconds / period + phase;
+        return 0.8 * std::sin(2 * std::numbers::pi * turns) +
+               0.2 * std::sin(2 * std::numbers::pi * 7.3 * turns); // the hand trembles
+    };
+    const Mat3<double> turn = so3_exp(Vec3<double>(
+        2 * degree * Vec3<double>(wave(3.1, 0.2), wave(4.3, 0.6), 0.5 * wave(5.9, 0.4))));
+    const Vec3<double> shift = 0.2 * Vec3<double>(wave(3.7, 0), wave(2.9, 0.3), wave(6.7, 0.8));
+    return {turn, at + shift - turn * at};
+}
+
 /// Returns until when the head is nearly still [s]: for a third of the dots' time; without any, not
 /// at all.
 double end_of_stillness(const VideoSettings& v) {
@@ -93,6 +107,12 @@ CaptureScene video_scene(const HeadModel& model, const CaptureSettings& settings
         f.pose = motion_at(seconds, still_until) * pose_at(seconds, v);
         f.state.expression = expression_at(seconds, model.expression_names, random.fork(1));
         f.state.world_from_head = {so3_exp(Vec3<double>(f.pose.head<3>())), f.pose.tail<3>()};
+        if (v.hand_held) {
+            const Rigid<double> still = sway_at(seconds, c.camera.centre()).inverse();
+            f.state.world_from_head = compose(still, f.state.world_from_head);
+            f.state.world_from_lights = still.rotation;
+            f.pose << so3_log(f.state.world_from_head.rotation), f.state.world_from_head.translation;
+        }
         const int look = static_cast<int>(seconds / seconds_of_fixation);
         const Random of_look = random.fork(2).fork(static_cast<std::uint64_t>(look));
         f.fixation_deg =

@@ -17,6 +17,7 @@ struct VideoSettings {
     double focal = 1.05;     ///< focal length over the edge of the picture
     double turn_deg = 40;    ///< the head turns by this to both sides
     double nod_deg = 14, tilt_deg = 6;
+    bool hand_held = false;  ///< the camera sways by 2 degrees and 2 centimetres
     /// Returns the dot that the eyes look at, at a time of the video [s]: to the right and up from
     /// the camera in its plane, as the person sees it [mm]. Without one eyes look around.
     std::function<std::optional<Vec2<double>>(double)> dot;
@@ -24,7 +25,8 @@ struct VideoSettings {
 
 /// Returns the scene of a video: one camera, and frames whose pose and expression move smoothly;
 /// the eyes jump from one fixation to the next, twice a second, or look at dots, in whose first third
-/// the head is nearly still. Every fifth frame is a test frame.
+/// the head is nearly still. Every fifth frame is a test frame. The world of a camera that sways is
+/// its own: the head and the lights move there.
 /// Throws an Error for settings out of their bounds.
 CaptureScene video_scene(const HeadModel& model, const CaptureSettings& settings,
                          const VideoSettings& video);

@@ -69,6 +69,51 @@ TEST_CASE("video: one camera, a head that turns smoothly to both sides, eyes tha
     CHECK_FAULT(video_scene(model, {}, film), "for the turn [deg], expected");
 }
 
+TEST_CASE("video: a camera in a hand films what a camera films that sways under lights that stand") {
+    const HeadModel model = procedural_head(1);
+    VideoSettings film;
+    film.frames = 30;
+    CaptureSettings small;
+    small.size = 64;
+    const CaptureScene still = video_scene(model, small, film);
+    film.hand_held = true;
+    const CaptureScene held = video_scene(model, small, film);
+    CHECK(held.cameras[0].camera.camera_from_world.translation ==
+          still.cameras[0].camera.camera_from_world.translation);
+    double turned = 0, moved = 0;
+    for (std::size_t i = 0; i < held.frames.size(); ++i) {
+        const SceneFrame &h = held.frames[i], &s = still.frames[i];
+        CHECK((h.state.world_from_head.rotation - so3_exp(Vec3<double>(h.pose.head<3>()))).norm() < 1e-12);
+        const Rigid<double> sway = compose(s.state.world_from_head, h.state.world_from_head.inverse());
+        CHECK((sway.rotation * h.state.world_from_lights - Mat3<double>::Identity()).norm() < 1e-12);
+        turned = std::max(turned, so3_log(sway.rotation).norm());
+        const Vec3<double> at = still.cameras[0].camera.centre();
+        moved = std::max(moved, (sway.apply(at) - at).norm());
+    }
+    CHECK(turned > degree);
+    CHECK(turned < 4 * degree);
+    CHECK(moved > 0.1);
+    CHECK(moved < 0.4);
+    // The same head and eyes under lights that stand, filmed by a camera that has moved.
+    const HeadState& seen = held.frames[17].state;
+    HeadState true_state = seen;
+    const Rigid<double> sway{Mat3<double>(seen.world_from_lights.transpose()),
+                             still.frames[17].state.world_from_head.apply(
+                                 seen.world_from_head.inverse().apply(Vec3<double>::Zero()))};
+    true_state.world_from_head = compose(sway, seen.world_from_head);
+    true_state.world_from_lights.setIdentity();
+    Pinhole<double> camera = held.cameras[0].camera;
+    camera.camera_from_world = compose(camera.camera_from_world, sway.inverse());
+    const auto picture = [&](const HeadState& state, const Pinhole<double>& from) {
+        return PosedHead(model, state).picture(from, 4).image.pixels;
+    };
+    const auto truth = picture(true_state, camera);
+    CHECK((picture(seen, held.cameras[0].camera) - truth).norm() < 2e-3F * truth.norm());
+    HeadState unlit = seen;
+    unlit.world_from_lights.setIdentity();
+    CHECK((picture(unlit, held.cameras[0].camera) - truth).norm() > 4e-3F * truth.norm());
+}
+
 TEST_CASE("video: the file has the capture's pictures before a wall") {
     const TemporaryFolder folder;
     const fs::path out = folder.path / "truth", file = folder.path / "head.y4m";

@@ -143,6 +143,7 @@ void add_capture(CLI::App& app) {
     c->add_option("--turn", o->film.turn_deg, "Angle by which the head turns to both sides [deg]")
         ->needs(video)
         ->capture_default_str();
+    c->add_flag("--hand-held", o->film.hand_held, "The camera sways as in a hand")->needs(video);
     c->add_flag("--auto-exposure", o->auto_exposure,
                 "The video's brightness follows the picture, as a phone's does")
         ->needs(video);
