@@ -24,7 +24,7 @@ constexpr double spread2 = 0.05 * 0.05;    ///< variance of shine and of moving 
 constexpr double alike = 12;               ///< neighbouring samples that count as one
 constexpr double turn_before = 1 * degree; ///< standard deviations known before, of an axis
 constexpr double shift_before = 0.02;      ///< [canonical units]
-constexpr Index motion_size = 6, light = 8;
+constexpr Index motion = 6, light = 8;
 
 /// Harmonics of degree 1 and 2 of a direction, without factors.
 Vec<double, light> harmonics(const Vec3<double>& n) {
@@ -69,7 +69,7 @@ struct Sample {
     std::size_t place; ///< camera and point: the same in all frames
     Index camera;
     double level;              ///< logarithm of its grey value
-    Vec<double, motion_size> slope; ///< derivative by the head's motion
+    Vec<double, motion> slope; ///< derivative by the head's motion
     Vec<double, light> around; ///< harmonics of its outward direction in the world
 };
 
@@ -81,7 +81,7 @@ class Alignment {
           frames_(frames),
           head_(head),
           cameras_(some_cameras(capture)),
-          state_(frames.size(), VecX<double>::Zero(motion_size + light + count())) {
+          state_(frames.size(), VecX<double>::Zero(motion + light + count())) {
         constexpr Index most_points = 1500;
         const Index stride = 1 + capture.frames[first()].vertices.cols() / most_points;
         for (const int f : frames) {
@@ -109,7 +109,7 @@ class Alignment {
             align(out, coarse);
         }
         out.after = difference_;
-        for (const VecX<double>& s : state_) out.moved.push_back(s.head<motion_size>());
+        for (const VecX<double>& s : state_) out.moved.push_back(s.head<motion>());
         return out;
     }
 
@@ -124,7 +124,7 @@ class Alignment {
                 take_mean_off();
                 if (first && view == 0 && round == 0) out.before = difference_;
             }
-            for (std::size_t i = 0; i < frames_.size(); ++i) at_[i] = state_[i].head<motion_size>();
+            for (std::size_t i = 0; i < frames_.size(); ++i) at_[i] = state_[i].head<motion>();
         }
     }
     template <class F>
@@ -202,8 +202,8 @@ class Alignment {
     /// Returns a sample's level without the light, and with the motion since it was read.
     double level(std::size_t i, const Sample& s) const {
         const VecX<double>& x = state_[i];
-        return s.level + s.slope.dot(x.head<motion_size>() - at_[i]) -
-               s.around.dot(x.segment<light>(motion_size)) - x[motion_size + light + s.camera];
+        return s.level + s.slope.dot(x.head<motion>() - at_[i]) -
+               s.around.dot(x.segment<light>(motion)) - x[motion + light + s.camera];
     }
 
     void sum_places() {
@@ -218,7 +218,7 @@ class Alignment {
     }
 
     void solve(std::size_t i) {
-        const Index n = motion_size + light + count();
+        const Index n = motion + light + count();
         Eigen::MatrixXd a = Eigen::MatrixXd::Zero(n, n);
         VecX<double> b = VecX<double>::Zero(n), row = b;
         double cost = 0, used = 0;
@@ -229,9 +229,9 @@ class Alignment {
             const double off = mine - (sum_[s.place] - mine) / (by_[s.place] - 1);
             const double w = 1 / std::pow(1 + off * off / spread2, 2);
             row.setZero();
-            row.head<motion_size>() = s.slope;
-            row.segment<light>(motion_size) = -s.around;
-            row[motion_size + light + s.camera] = -1;
+            row.head<motion>() = s.slope;
+            row.segment<light>(motion) = -s.around;
+            row[motion + light + s.camera] = -1;
             a.selfadjointView<Eigen::Lower>().rankUpdate(row, w);
             b -= w * off * row;
             cost += off * off / (1 + off * off / spread2); // Geman and McClure's
@@ -239,24 +239,24 @@ class Alignment {
         }
         costs_[i] = {cost, used};
         const double known = alike * spread2;
-        for (Index k = 0; k < motion_size; ++k) {
+        for (Index k = 0; k < motion; ++k) {
             const double sigma = k < 3 ? turn_before : shift_before;
             a(k, k) += known / (sigma * sigma);
             b[k] -= known / (sigma * sigma) * state_[i][k];
         }
-        for (Index k = motion_size; k < n; ++k) a(k, k) += 1e-3 * known;
+        for (Index k = motion; k < n; ++k) a(k, k) += 1e-3 * known;
         state_[i] += a.selfadjointView<Eigen::Lower>().ldlt().solve(b);
     }
 
     void take_mean_off() {
-        Vec<double, motion_size> mean = Vec<double, motion_size>::Zero();
+        Vec<double, motion> mean = Vec<double, motion>::Zero();
         double cost = 0, used = 0;
         for (std::size_t i = 0; i < frames_.size(); ++i) {
-            mean += state_[i].head<motion_size>() / static_cast<double>(frames_.size());
+            mean += state_[i].head<motion>() / static_cast<double>(frames_.size());
             cost += costs_[i][0];
             used += costs_[i][1];
         }
-        for (VecX<double>& s : state_) s.head<motion_size>() -= mean;
+        for (VecX<double>& s : state_) s.head<motion>() -= mean;
         difference_ = used > 0 ? std::sqrt(cost / used) : 0;
     }
 
@@ -270,8 +270,8 @@ class Alignment {
     std::vector<Columns<double>> points_; ///< of each frame, head frame
     std::vector<std::vector<Sample>> seen_;
     std::vector<VecX<double>> state_; ///< motion, light, and a level of each camera
-    std::vector<Vec<double, motion_size>> at_ =
-        std::vector<Vec<double, motion_size>>(frames_.size(), Vec<double, motion_size>::Zero());
+    std::vector<Vec<double, motion>> at_ =
+        std::vector<Vec<double, motion>>(frames_.size(), Vec<double, motion>::Zero());
     std::vector<double> sum_;
     std::vector<int> by_;
     std::vector<Vec2<double>> costs_; ///< cost and number of samples
