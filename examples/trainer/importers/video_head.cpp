@@ -10,6 +10,7 @@
 #include "data/degrees.hpp"
 #include "data/median.hpp"
 #include "importers/face_mesh.hpp"
+#include "importers/import_folder.hpp"
 
 namespace rye::trainer {
 namespace {
