@@ -242,7 +242,7 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
     V3 n = blend(normals_);
     n /= std::max(n.norm(), 1e-12);
     const Vec<double, 5> light = blend(light_);
-    // As the softboxes see them.
+    // In the lights' frame.
     const V3 along = world_from_lights_.transpose() * ray.direction,
              normal = world_from_lights_.transpose() * n;
     const V3 fallen = (light.head<3>() + bounced) / std::numbers::pi;

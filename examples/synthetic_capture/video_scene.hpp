@@ -25,8 +25,8 @@ struct VideoSettings {
 
 /// Returns the scene of a video: one camera, and frames whose pose and expression move smoothly;
 /// the eyes jump from one fixation to the next, twice a second, or look at dots, in whose first third
-/// the head is nearly still. Every fifth frame is a test frame. The world of a camera that sways is
-/// its own: the head and the lights move there.
+/// the head is nearly still. Every fifth frame is a test frame. With hand_held the world is the
+/// camera's: head and lights move in it.
 /// Throws an Error for settings out of their bounds.
 CaptureScene video_scene(const HeadModel& model, const CaptureSettings& settings,
                          const VideoSettings& video);

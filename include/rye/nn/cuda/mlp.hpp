@@ -64,6 +64,14 @@ struct DeviceMlpScratch {
 template <class Device, class Tiles = MlpTiles<1, 256, 128>, Activation A = LeakyRelu>
 class DeviceMlp {
   public:
+    /// Returns true if the tiles have room for a shape.
+    static bool fits(const MlpShape& shape) {
+        bool all = shape.layers() <= DeviceMlpNetwork::most_layers &&
+                   shape.point_inputs() <= Tiles::inputs;
+        for (int l = 0; l < shape.layers(); ++l) all = all && shape.layer_out(l) <= Tiles::width;
+        return all;
+    }
+
     /// Throws an Error for a shape that does not fit the tiles.
     DeviceMlp(const Device& device, const MlpShape& shape) : device_(device), shape_(shape) {
         const auto within = [](const std::string& what, int x, int most) {

@@ -42,11 +42,9 @@ class NetworkOffload {
     /// Returns true if a pass of so many points runs on the device: there are enough, and the
     /// network fits the tiles.
     bool takes(const MlpShape& s, Index points) const {
-        bool fits = s.layers() <= DeviceMlpNetwork::most_layers && s.point_inputs() > 0 &&
-                    s.point_inputs() <= Tiles::inputs;
-        for (int l = 0; l < s.layers(); ++l) fits = fits && s.layer_out(l) <= Tiles::width;
         constexpr int widest = std::max(Tiles::width, Tiles::inputs);
-        return fits && points >= std::max<Index>(least_points, 1) &&
+        return DeviceMlp<Device, Tiles>::fits(s) && s.point_inputs() > 0 &&
+               points >= std::max<Index>(least_points, 1) &&
                static_cast<std::uint64_t>(points) * static_cast<std::uint64_t>(widest) <
                    std::uint64_t(1) << 32U;
     }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/train/cuda/fit_deformation.hpp: the fit of train/fit_deformation.hpp on a device: networks
-/// and optimiser stay there, while the host draws the frames of later steps. If the device has
-/// graphs, a step is one. Sums have a fixed order: the same build gives the same bits.
+/// and optimiser stay there, while the host draws the frames of later steps. Where the device
+/// has graphs, a step is one graph. Sums have a fixed order: the same build gives the same bits.
 #pragma once
 
 #include <algorithm>
@@ -70,7 +70,7 @@ struct FitLandmark {
     static constexpr const char* name = "fit, landmarks";
     static constexpr int sums = 1;
     const float *deformed, *observed;
-    float weight; ///< of the square in the loss, twice
+    float weight; ///< twice the weight of a square in the loss
     float* g;
 
     template <class Sum>
@@ -117,10 +117,7 @@ class DeviceDeformationFit {
     static bool fits(const Mesh& mesh) {
         bool all = true;
         detail::for_deformations<E>([&](auto by) {
-            const MlpShape& s = by.deform(mesh.networks).shape;
-            all = all && s.layers() <= DeviceMlpNetwork::most_layers &&
-                  s.point_inputs() <= Tiles::inputs;
-            for (int l = 0; l < s.layers(); ++l) all = all && s.layer_out(l) <= Tiles::width;
+            all = all && DeviceMlp<Device, Tiles>::fits(by.deform(mesh.networks).shape);
         });
         return all;
     }
@@ -234,7 +231,7 @@ class DeviceDeformationFit {
         DeviceFieldScratch scratch;
         FaceFields<std::unique_ptr<OneField>, E> fields;
         DeviceBuffer<float> deformed, g;
-        DeviceBuffer<float> g_lambda; ///< which nobody reads
+        DeviceBuffer<float> g_lambda; ///< written by the fields, not read
         DeviceSums<Device> sums;
         const float* numbers;
         float *gradient, *square;
