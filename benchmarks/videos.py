@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """videos.py OUT --head NAME=MODEL:SEED ...: what avatars of videos are worth. Films heads that look at the dots
-of docs/gaze_dots.html and then around while they turn, tracks and imports the videos with and without the dots,
-trains, and measures by the truth, which nothing else has seen: at times of the video that training did not see,
-and from cameras at 30 and 45 degrees to both sides. Prints two Markdown tables: labels, and avatars. Results in
+of docs/gaze_dots.html and then around while they turn, and heads that turn further and see no dots; tracks and
+imports the videos, the first ones with and without the dots, trains, and measures by the truth, which nothing else
+has seen: at times of the video that training did not see, and from cameras at 30 and 45 degrees to both sides; and
+by benchmarks/judge where its models are. Prints two Markdown tables: labels, and avatars. Results in
 OUT are kept: a call that was stopped goes on, on another machine, too, where --train says that only trainings
 are left. Exit status 1 if anything failed; the tables then say so. Run from anywhere."""
 import argparse
@@ -19,7 +20,7 @@ import time
 
 from rows import print_table
 
-WAYS = ("plain", "dots")
+WAYS = ("plain", "dots", "free")  # a film of dots, read without and with them; a film without dots
 
 
 def arguments():
@@ -34,7 +35,7 @@ def arguments():
     p.add_argument("--frames", type=int, default=300, help="pictures of each video")
     p.add_argument("--rate", type=int, default=5, help="pictures a second")
     p.add_argument("--size", type=int, default=1080, help="edge of the video [px]")
-    p.add_argument("--ways", default=",".join(WAYS), help="of plain, dots")
+    p.add_argument("--ways", default=",".join(WAYS), help="of plain, dots, free")
     p.add_argument("--preset", default="cpu")
     p.add_argument("--picture", type=int, default=512, help="most pixels of a side of the captures")
     p.add_argument("--labels-only", action="store_true", help="no trainings")
@@ -79,21 +80,29 @@ def once(path, folder, step, env, *command):
         call(folder, step, env, *command)
 
 
-def film_and_import(o, name):
-    """Writes OUT/NAME: head.mp4, truth, and for each way capture, refined, true, views, and their texts."""
-    folder = o.out / name
+def film(o, name, way):
+    """Films a head, unless it was; returns the folder of head.mp4, truth and tracks, and the dots' file or None."""
+    folder = o.out / name / "free" if way == "free" else o.out / name
     folder.mkdir(parents=True, exist_ok=True)
     model, seed = o.heads[name]
-    dots, truth = folder / "dots.csv", folder / "truth"
-    if not dots.exists():
+    dots = None if way == "free" else folder / "dots.csv"
+    if dots and not dots.exists():
         dots.write_text(subprocess.run(["node", o.dots_page, o.page, "40", "1.2"], check=True, capture_output=True,
                                        text=True).stdout)
-    once(truth, folder, "film", None, o.rye, "capture", "--model", model, "--seed", seed, "--video",
-         folder / "head.mp4", "--out", truth, "--frames", o.frames, "--rate", o.rate, "--size", o.size, "--turn", "25",
-         "--dots", dots, "--dots-begin", "2.3", "--quiet")
-    tracks = folder / "tracks"
+    acts = ["--turn", "25", "--dots", dots, "--dots-begin", "2.3"] if dots else []
+    once(folder / "truth", folder, "film", None, o.rye, "capture", "--model", model, "--seed", seed, "--video",
+         folder / "head.mp4", "--out", folder / "truth", "--frames", o.frames, "--rate", o.rate, "--size", o.size,
+         "--quiet", *acts)
+    return folder, dots
+
+
+def film_and_import(o, name):
+    """Writes OUT/NAME: films, and for each way capture, refined, true, views, and their texts."""
+    model = o.heads[name][0]
     for way in o.ways:
-        at = folder / way
+        folder, dots = film(o, name, way)
+        truth, tracks = folder / "truth", folder / "tracks"
+        at = o.out / name / way
         at.mkdir(exist_ok=True)
         if not (tracks / "0/tracks.jsonl").exists():
             call(at, "track", None, o.rye, "import", "video", folder / "head.mp4", "--every", "1", "--size", o.picture,
@@ -123,6 +132,23 @@ def train_and_measure(o, free, name, way):
              "--capture", at / "views", "--out", run / "views")
     finally:
         free.put(device)
+
+
+def judge(o, tasks):
+    """Has benchmarks/judge look at the evaluations that it has not seen; says why where it cannot."""
+    runs = [o.out / n / w / f"run-{o.preset}" for n, w in tasks]
+    new = [r for r in runs if (r / "results.json").exists() and not (r / "judge.json").exists()]
+    if new:
+        subprocess.run(["sh", pathlib.Path(__file__).parent / "judge/judge.sh", *new], check=False)
+
+
+def judge_cell(run):
+    """The judge's gaze error and that of eyes at rest, and the number of eyes."""
+    try:
+        gaze = json.loads((run / "judge.json").read_text())["all"]["gaze"]
+    except FileNotFoundError:
+        return "not run"
+    return f"{gaze['degrees']:.1f}°; {gaze['at_rest']:.1f}°, {gaze['eyes']}" if gaze["eyes"] else "no eye taken"
 
 
 def label_cells(at):
@@ -161,7 +187,8 @@ def avatar_cells(o, at):
     except FileNotFoundError:
         return None
     return [f"{r['head']['psnr']:.2f} dB, {r['head']['ssim']:.3f}", f"{r['face']['psnr']:.2f} dB",
-            f"{r['eyes']['psnr']:.2f} dB", *views, f"{took['seconds']:.0f}", f"{took['gigabytes']:.1f}"]
+            f"{r['eyes']['psnr']:.2f} dB", judge_cell(run), *views,
+            f"{took['seconds']:.0f}", f"{took['gigabytes']:.1f}"]
 
 
 def main():
@@ -182,13 +209,16 @@ def main():
                 done.result()
             except Failed as e:
                 print(f"videos.py: {task[0]}, {task[1]}: {e}", file=sys.stderr)
+    if not o.labels_only:
+        judge(o, tasks)
     missing = print_table(
         ["head", "gazes", "frames", "focal length", "distance", "head poses",
          "gaze of left and right eye, mean (median)", "corrected",
          "masks of head and eyes"], [(n, w, label_cells(o.out / n / w)) for n, w in tasks])
     if not o.labels_only:
         missing += print_table(
-            ["head", "gazes", "head: PSNR, SSIM", "face", "eyes", "from the video's camera: head, gaze error",
+            ["head", "gazes", "head: PSNR, SSIM", "face", "eyes", "judge: gaze; at rest, eyes",
+             "from the video's camera: head, gaze error",
              "30° aside", "45° aside", "seconds", "GB"],
             [(n, w, avatar_cells(o, o.out / n / w)) for n, w in tasks])
     sys.exit(1 if missing else 0)

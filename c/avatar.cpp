@@ -12,7 +12,7 @@
 
 #include <rye/avatar/gaze_at.hpp>
 #include <rye/avatar/idle_head.hpp>
-#include <rye/capture/avatar_file.hpp>
+#include <rye/io/avatar_file.hpp>
 #include <rye/interactive/player.hpp>
 #include <rye/rig/gaze.hpp>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Lesson 6: fifty Gaussians fit an image. The trained parameters (logarithms of scales, logits of
 // opacities) use the type of the Gaussians, so fields() and Adam apply unchanged. A picture on disk
-// is to_float(PngFiles{}.read(path, 3)), of rye/capture/png.hpp.
+// is to_float(PngFiles{}.read(path, 3)), of rye/io/png.hpp.
 #include <cmath>
 #include <cstdio>
 

@@ -7,7 +7,7 @@
 
 #include <rye/avatar/gaze_at.hpp>
 #include <rye/backend/lanes.hpp>
-#include <rye/capture/avatar_file.hpp>
+#include <rye/io/avatar_file.hpp>
 #include <rye/interactive/player.hpp>
 #include <rye/splat/lanes.hpp>
 

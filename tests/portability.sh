@@ -204,7 +204,7 @@ target_libcxx() {
         run libcxx "README" readme "" $compiler -O2
         run libcxx "numbers" numbers "" $compiler -O1
         run libcxx "every header" every_header "$(clang) -stdlib=libc++" -std=c++20
-        run libcxx "test_core, test_capture" unit_tests "" "core capture" $compiler -O0
+        run libcxx "test_core, test_io" unit_tests "" "core io" $compiler -O0
         run libcxx "numbers, sanitized" sanitized_numbers
     }
 }

@@ -4,7 +4,7 @@
 #include <map>
 
 #include <rye/gaussian/activate.hpp>
-#include <rye/gaussian/ply.hpp>
+#include <rye/io/ply.hpp>
 #include <rye/splat/oracle_vjp.hpp>
 
 #include "errors.hpp"

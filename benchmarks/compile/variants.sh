@@ -8,7 +8,7 @@ set -eu
 project=$1
 shift
 cxx=${CXX:-c++}
-list=$project/examples/trainer/training/variant_list.hpp
+list=$project/examples/trainer/drawing/variant_list.hpp
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 flags="-std=c++20 -O2 -march=native -DNDEBUG -DEIGEN_DONT_PARALLELIZE -fopenmp -ffunction-sections
@@ -27,7 +27,7 @@ sum() { # of the bytes in a list of sections, in KiB
 printf '#include <Eigen/Core>\n#include <xsimd/xsimd.hpp>\n' > "$work/base.cpp"
 base=$(seconds base)
 # The headers with nothing compiled of them, and each variant, in the order of the list's names.
-printf '#include "training/variant_driver.hpp"\n#include "training/variant_list.hpp"\n' > "$work/headers.cpp"
+printf '#include "drawing/variant_driver.hpp"\n#include "drawing/variant_list.hpp"\n' > "$work/headers.cpp"
 echo '| variant | seconds / base | KiB of code | KiB beside the first |'
 echo '|---|---|---|---|'
 row() { printf '| %s | %.2f | %.0f | %.0f |\n' "$1" "$2" "$3" "$4"; }
@@ -36,8 +36,8 @@ row 'headers alone' "$(ratio "$(seconds headers)")" 0 0
 : > "$work/shared"
 for name in $(sed -n 's/.* name = "\(.*\)";/\1/p' "$list"); do
     cat > "$work/$name.cpp" << CPP
-#include "training/variant_driver.hpp"
-#include "training/variant_list.hpp"
+#include "drawing/variant_driver.hpp"
+#include "drawing/variant_list.hpp"
 using namespace rye::trainer;
 template <class L>
 struct Named;

@@ -6,7 +6,7 @@
 #include <cstring>
 #include <filesystem>
 
-#include <rye/capture/npy.hpp>
+#include <rye/io/npy.hpp>
 
 #include "scenes.hpp"
 

@@ -9,7 +9,7 @@
 #include <rye/avatar/hold.hpp>
 
 #include "commands/options.hpp"
-#include "training/run.hpp"
+#include "model/run.hpp"
 #endif
 
 namespace rye::bench {

@@ -6,7 +6,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 #include <rye/core/parallel.hpp>
 
 #include "data/checksums.hpp"

@@ -9,7 +9,7 @@
 #include <map>
 #include <memory>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 #include <rye/core/random.hpp>
 
 #include "data/json.hpp"

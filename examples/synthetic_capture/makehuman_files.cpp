@@ -6,7 +6,7 @@
 #include <cmath>
 #include <optional>
 
-#include <rye/capture/gzip.hpp>
+#include <rye/io/gzip.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/parse.hpp>
 

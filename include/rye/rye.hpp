@@ -2,7 +2,7 @@
 /// rye/rye.hpp: every header of rye, for programs that use most of it. Including single headers
 /// compiles faster; see docs/architecture.md for what is where. A part of one's own takes
 /// rye/rig/parts.hpp, train/initialize.hpp, train/capture_subject.hpp, train/avatar_trainer.hpp,
-/// capture/read_capture.hpp, capture/png.hpp, avatar/hold.hpp and backend/lanes.hpp.
+/// io/read_capture.hpp, io/png.hpp, avatar/hold.hpp and backend/lanes.hpp.
 #pragma once
 
 #include <rye/autodiff/check.hpp>
@@ -35,9 +35,9 @@
 #include <rye/avatar/trained.hpp>
 #include <rye/avatar/two_stream.hpp>
 #include <rye/avatar/weights.hpp>
-#include <rye/capture/avatar_arrays.hpp>
-#include <rye/capture/avatar_file.hpp>
-#include <rye/capture/avatar_settings.hpp>
+#include <rye/io/avatar_arrays.hpp>
+#include <rye/io/avatar_file.hpp>
+#include <rye/io/avatar_settings.hpp>
 #include <rye/interactive/drive_cache.hpp>
 #include <rye/interactive/drive_work.hpp>
 #include <rye/interactive/frame_cache.hpp>
@@ -49,35 +49,35 @@
 #include <rye/backend/backend.hpp>
 #include <rye/backend/lanes.hpp>
 #include <rye/backend/scalar.hpp>
-#include <rye/capture/atomic_file.hpp>
-#include <rye/capture/bytes.hpp>
-#include <rye/capture/capture.hpp>
-#include <rye/capture/capture_contents.hpp>
-#include <rye/capture/capture_frame.hpp>
-#include <rye/capture/eye_sizes.hpp>
-#include <rye/capture/glb.hpp>
-#include <rye/capture/gltf.hpp>
-#include <rye/capture/gltf_file.hpp>
-#include <rye/capture/gzip.hpp>
-#include <rye/capture/image8.hpp>
-#include <rye/capture/inflate.hpp>
-#include <rye/capture/json.hpp>
-#include <rye/capture/lpips_weights.hpp>
-#include <rye/capture/npy.hpp>
-#include <rye/capture/npz.hpp>
-#include <rye/capture/png.hpp>
-#include <rye/capture/problem.hpp>
-#include <rye/capture/read_capture.hpp>
-#include <rye/capture/safetensors.hpp>
-#include <rye/capture/splat_bases.hpp>
-#include <rye/capture/splat_file.hpp>
-#include <rye/capture/splat_quantize.hpp>
-#include <rye/capture/splats.hpp>
-#include <rye/capture/spz.hpp>
-#include <rye/capture/spz4.hpp>
-#include <rye/capture/spz_arrays.hpp>
-#include <rye/capture/usda.hpp>
-#include <rye/capture/zstd.hpp>
+#include <rye/io/atomic_file.hpp>
+#include <rye/io/bytes.hpp>
+#include <rye/io/capture.hpp>
+#include <rye/io/capture_contents.hpp>
+#include <rye/io/capture_frame.hpp>
+#include <rye/io/eye_sizes.hpp>
+#include <rye/io/glb.hpp>
+#include <rye/io/gltf.hpp>
+#include <rye/io/gltf_file.hpp>
+#include <rye/io/gzip.hpp>
+#include <rye/io/image8.hpp>
+#include <rye/io/inflate.hpp>
+#include <rye/io/json.hpp>
+#include <rye/io/lpips_weights.hpp>
+#include <rye/io/npy.hpp>
+#include <rye/io/npz.hpp>
+#include <rye/io/png.hpp>
+#include <rye/io/problem.hpp>
+#include <rye/io/read_capture.hpp>
+#include <rye/io/safetensors.hpp>
+#include <rye/io/splat_bases.hpp>
+#include <rye/io/splat_file.hpp>
+#include <rye/io/splat_quantize.hpp>
+#include <rye/io/splats.hpp>
+#include <rye/io/spz.hpp>
+#include <rye/io/spz4.hpp>
+#include <rye/io/spz_arrays.hpp>
+#include <rye/io/usda.hpp>
+#include <rye/io/zstd.hpp>
 #include <rye/core/columns.hpp>
 #include <rye/core/concepts.hpp>
 #include <rye/core/config.hpp>
@@ -94,8 +94,8 @@
 #include <rye/gaussian/cloud.hpp>
 #include <rye/gaussian/gaussians.hpp>
 #include <rye/gaussian/move_cloud.hpp>
-#include <rye/gaussian/ply.hpp>
-#include <rye/gaussian/ply_header.hpp>
+#include <rye/io/ply.hpp>
+#include <rye/io/ply_header.hpp>
 #include <rye/gaussian/project.hpp>
 #include <rye/gaussian/sh_color.hpp>
 #include <rye/gaussian/view.hpp>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cameras of a rendered capture with errors put in, against the right ones: which are found to be
 // wrong, and how near the head comes in their pictures to where it is.
-#include "training/cameras.hpp"
+#include "corrections/cameras.hpp"
 
 #include <cmath>
 #include <filesystem>
@@ -12,14 +12,14 @@
 
 #include <rye/math/rotation.hpp>
 
+#include "corrections/camera_fit.hpp"
+#include "corrections/skin_positions.hpp"
 #include "data/changed_labels.hpp"
 #include "data/corrected_cameras.hpp"
 #include "data/flaws.hpp"
 #include "data/samples.hpp"
 #include "data/threads.hpp"
 #include "right_capture.hpp"
-#include "training/camera_fit.hpp"
-#include "training/skin_positions.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

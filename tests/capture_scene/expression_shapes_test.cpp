@@ -6,14 +6,14 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 
 #include "../support/hostile.hpp"
+#include "corrections/expression_regions.hpp"
 #include "data/expression_shapes.hpp"
 #include "data/samples.hpp"
 #include "data/validate.hpp"
 #include "synthetic_capture/scene.hpp"
-#include "training/expression_regions.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Labels of a rendered capture with errors put in, against the right ones: what is found to be
 // wrong, and how much nearer it comes.
-#include "training/labels.hpp"
+#include "corrections/labels.hpp"
 
 #include <cmath>
 #include <filesystem>
@@ -11,11 +11,11 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "corrections/camera_colours.hpp"
+#include "corrections/gaze_estimator.hpp"
 #include "data/flaws.hpp"
 #include "data/samples.hpp"
 #include "right_capture.hpp"
-#include "training/camera_colours.hpp"
-#include "training/gaze_estimator.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

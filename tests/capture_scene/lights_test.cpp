@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Lights of a rendered capture, from what the corneas in its photographs mirror, against the
 // softboxes that lit it (synthetic_capture/head_render.cpp).
-#include "training/lights.hpp"
+#include "corrections/lights.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -14,7 +14,7 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/capture/gzip.hpp>
+#include <rye/io/gzip.hpp>
 #include <rye/core/error.hpp>
 #include <rye/rig/gaze.hpp>
 

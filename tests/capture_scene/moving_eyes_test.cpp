@@ -10,10 +10,10 @@
 #include <rye/loss/mesh_terms.hpp>
 #include <rye/nn/adam.hpp>
 
+#include "corrections/centre_errors.hpp"
 #include "data/samples.hpp"
 #include "data/validate.hpp"
 #include "synthetic_capture/scene.hpp"
-#include "training/centre_errors.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Heads that a tracker has elsewhere, with its mesh: what their skin tells, against where they are.
-#include "training/skin_poses.hpp"
+#include "corrections/skin_poses.hpp"
 
 #include <cmath>
 
@@ -9,11 +9,11 @@
 #include <rye/core/random.hpp>
 #include <rye/math/rotation.hpp>
 
+#include "corrections/labels.hpp"
 #include "data/changed_labels.hpp"
 #include "data/samples.hpp"
 #include "data/threads.hpp"
 #include "right_capture.hpp"
-#include "training/labels.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

@@ -12,7 +12,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
-#include "training/gaze_estimator.hpp"
+#include "corrections/gaze_estimator.hpp"
 
 namespace rye::test {
 

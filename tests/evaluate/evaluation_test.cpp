@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "training/evaluation.hpp"
+#include "evaluation/evaluation.hpp"
 
 #include <unistd.h>
 

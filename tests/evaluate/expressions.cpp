@@ -9,9 +9,8 @@
 #include <tuple>
 #include <vector>
 
-#include "training/expression_regions.hpp"
-#include "training/labels.hpp"
-#include "training/steps.hpp"
+#include "corrections/expression_regions.hpp"
+#include "corrections/labels.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

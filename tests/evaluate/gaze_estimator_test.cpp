@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "training/gaze_estimator.hpp"
+#include "corrections/gaze_estimator.hpp"
 
 #include <doctest/doctest.h>
 

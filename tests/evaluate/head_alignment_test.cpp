@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "training/head_alignment.hpp"
+#include "evaluation/head_alignment.hpp"
 
 #include <unistd.h>
 

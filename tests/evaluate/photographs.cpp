@@ -10,8 +10,7 @@
 #include <exception>
 
 #include "data/validate.hpp"
-#include "training/run.hpp"
-#include "training/steps.hpp"
+#include "model/run.hpp"
 
 using namespace rye;
 using namespace rye::test;

@@ -13,7 +13,7 @@
 #include <rye/rig/gaze.hpp>
 
 #include "data/capture.hpp"
-#include "training/evaluation.hpp"
+#include "evaluation/evaluation.hpp"
 
 namespace rye::test {
 

@@ -5,7 +5,7 @@
 
 #include <cstring>
 
-#include <rye/capture/avatar_file.hpp>
+#include <rye/io/avatar_file.hpp>
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace rye;

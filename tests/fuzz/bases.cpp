@@ -2,7 +2,7 @@
 /// tests/fuzz/bases.cpp: any bytes as bases of a splat file; what is accepted can be applied.
 #include "fuzz.hpp"
 
-#include <rye/capture/splat_bases.hpp>
+#include <rye/io/splat_bases.hpp>
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace rye;

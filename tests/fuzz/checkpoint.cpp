@@ -2,7 +2,7 @@
 /// tests/fuzz/checkpoint.cpp: any bytes as the checkpoint that a training goes on from.
 #include "fuzz.hpp"
 
-#include "training/run.hpp"
+#include "model/run.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace rye;

@@ -12,7 +12,7 @@
 #include <string>
 #include <string_view>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 #include <rye/core/error.hpp>
 
 namespace rye::fuzz {

@@ -2,7 +2,7 @@
 /// tests/fuzz/gltf.cpp: any bytes as a .gltf or GLB file, whose other files hold zeros.
 #include "fuzz.hpp"
 
-#include <rye/capture/gltf.hpp>
+#include <rye/io/gltf.hpp>
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace rye;

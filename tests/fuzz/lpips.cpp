@@ -3,7 +3,7 @@
 /// hold it.
 #include "fuzz.hpp"
 
-#include <rye/capture/lpips_weights.hpp>
+#include <rye/io/lpips_weights.hpp>
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace rye;

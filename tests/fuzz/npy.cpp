@@ -2,7 +2,7 @@
 /// tests/fuzz/npy.cpp: any bytes as an npy array; a valid one must survive writing and reading.
 #include "fuzz.hpp"
 
-#include <rye/capture/npy.hpp>
+#include <rye/io/npy.hpp>
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace rye;

@@ -2,7 +2,7 @@
 /// tests/fuzz/npz.cpp: any bytes as an npz file, and as a size and a stream of deflate.
 #include "fuzz.hpp"
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace rye;

@@ -3,8 +3,8 @@
 /// first, so that changed chunks are decoded and not only rejected.
 #include "fuzz.hpp"
 
-#include <rye/capture/inflate.hpp>
-#include <rye/capture/png.hpp>
+#include <rye/io/inflate.hpp>
+#include <rye/io/png.hpp>
 
 #include "data/picture.hpp"
 

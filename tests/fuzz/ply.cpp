@@ -4,7 +4,7 @@
 
 #include <sstream>
 
-#include <rye/gaussian/ply.hpp>
+#include <rye/io/ply.hpp>
 
 struct Pipe : std::stringbuf {
     using std::stringbuf::stringbuf;

@@ -4,7 +4,7 @@
 #include <iostream>
 #include <map>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 
 using Target = int (*)(const std::uint8_t*, std::size_t);
 

@@ -2,7 +2,7 @@
 /// tests/fuzz/safetensors.cpp: any bytes as a file of tensors, each read by its type and shape.
 #include "fuzz.hpp"
 
-#include <rye/capture/safetensors.hpp>
+#include <rye/io/safetensors.hpp>
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace rye;

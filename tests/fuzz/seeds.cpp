@@ -5,12 +5,12 @@
 #include <iostream>
 #include <sstream>
 
-#include <rye/capture/avatar_file.hpp>
-#include <rye/capture/lpips_weights.hpp>
-#include <rye/capture/npz.hpp>
-#include <rye/capture/safetensors.hpp>
-#include <rye/capture/splat_bases.hpp>
-#include <rye/capture/splats.hpp>
+#include <rye/io/avatar_file.hpp>
+#include <rye/io/lpips_weights.hpp>
+#include <rye/io/npz.hpp>
+#include <rye/io/safetensors.hpp>
+#include <rye/io/splat_bases.hpp>
+#include <rye/io/splats.hpp>
 
 #include "data/config.hpp"
 #include "data/driver_table.hpp"

@@ -3,7 +3,7 @@
 /// inside one, which a search would not find behind gzip's checksum.
 #include "fuzz.hpp"
 
-#include <rye/capture/splats.hpp>
+#include <rye/io/splats.hpp>
 
 namespace {
 

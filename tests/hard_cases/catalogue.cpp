@@ -131,12 +131,12 @@ const std::vector<Entry>& catalogue() {
         {"J3", "PNG", "`tests/programs/picture_test.cpp`"},
         {"J4", "JSON", ""},
         {"J5", "safetensors", ""},
-        {"J6", "killed while saving", "`tests/capture/atomic_file_test.cpp`, `crash_safety.sh`"},
+        {"J6", "killed while saving", "`tests/io/atomic_file_test.cpp`, `crash_safety.sh`"},
         {"J7", "full disk", ""},
         {"J8", "failing allocations", "absent: injection of allocation failures"},
         {"J9", "signals", "absent: a test of signals; `pipeline.sh` kills and resumes"},
         {"J10", "resume", "`tests/programs/pipeline.sh`, `crash_safety.sh`: same bits after a kill"},
-        {"J11", "paths, links, folders", "two writers: `tests/capture/atomic_file_test.cpp`"},
+        {"J11", "paths, links, folders", "two writers: `tests/io/atomic_file_test.cpp`"},
         {"J12", "other versions and types", ""},
     };
     return all;

@@ -9,11 +9,11 @@
 #include <fstream>
 #include <sstream>
 
-#include <rye/capture/atomic_file.hpp>
-#include <rye/capture/json.hpp>
-#include <rye/capture/npz.hpp>
-#include <rye/capture/safetensors.hpp>
-#include <rye/gaussian/ply.hpp>
+#include <rye/io/atomic_file.hpp>
+#include <rye/io/json.hpp>
+#include <rye/io/npz.hpp>
+#include <rye/io/safetensors.hpp>
+#include <rye/io/ply.hpp>
 
 #include "report.hpp"
 

@@ -7,7 +7,7 @@
 #include <limits>
 #include <memory>
 
-#include <rye/capture/json.hpp>
+#include <rye/io/json.hpp>
 #include <rye/math/linalg.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/nn/elementwise.hpp>

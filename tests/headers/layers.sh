@@ -5,7 +5,7 @@
 # included by backend/ and by subfolders named lanes/ alone; these by their folder's headers alone.
 set -eu
 cd "$1"
-order="core backend math autodiff geometry gaussian splat nn rig loss avatar interactive capture train"
+order="core backend math autodiff geometry gaussian splat nn rig loss avatar interactive io train"
 # shellcheck disable=SC2016 # awk expands these
 find rye -mindepth 2 -name '*.hpp' | sort | xargs awk -v order="$order" '
     BEGIN { n = split(order, name, " "); for (i = 1; i <= n; ++i) rank[name[i]] = i }

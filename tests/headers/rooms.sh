@@ -5,7 +5,8 @@
 # and how pictures and JSON are read.
 set -eu
 cd "$1"
-order="data synthetic_capture driving training importers viewing commands"
+order="data synthetic_capture driving model device corrections drawing training evaluation"
+order="$order importers viewing commands"
 # shellcheck disable=SC2016 # awk expands these
 find synthetic_capture trainer -name '*.[ch]pp' | sort | xargs awk -v order="$order" '
     function fault(sentence) { print FILENAME ":" FNR ": " sentence; bad = 1 }

@@ -6,7 +6,7 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 #include <rye/rig/gaze.hpp>
 
 #include "../support/hostile.hpp"

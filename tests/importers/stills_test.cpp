@@ -9,7 +9,7 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 
 #include "../support/hostile.hpp"
 #include "../support/real_data.hpp"

@@ -6,7 +6,7 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 

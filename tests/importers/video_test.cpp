@@ -12,6 +12,7 @@
 #include <rye/rig/gaze.hpp>
 
 #include "../support/hostile.hpp"
+#include "corrections/labels.hpp"
 #include "data/capture.hpp"
 #include "data/validate.hpp"
 #include "importers/import_folder.hpp"
@@ -20,7 +21,6 @@
 #include "importers/video_gaze.hpp"
 #include "importers/video_head.hpp"
 #include "importers/video_tools.hpp"
-#include "training/labels.hpp"
 #include "video_tracks_source.hpp"
 
 using namespace rye;

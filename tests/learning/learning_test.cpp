@@ -13,8 +13,8 @@
 #include <rye/core/random.hpp>
 
 #include "../support/hostile.hpp"
+#include "evaluation/evaluation.hpp"
 #include "synthetic_capture/scene.hpp"
-#include "training/evaluation.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

@@ -6,7 +6,7 @@
 #include <exception>
 
 #include <rye/backend/scalar.hpp>
-#include <rye/capture/lpips_weights.hpp>
+#include <rye/io/lpips_weights.hpp>
 
 int main(int argc, char** argv) {
     using namespace rye;

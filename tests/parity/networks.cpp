@@ -6,7 +6,7 @@
 #include <exception>
 
 #include <rye/backend/scalar.hpp>
-#include <rye/capture/safetensors.hpp>
+#include <rye/io/safetensors.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/nn/encoding.hpp>
 #include <rye/nn/mlp.hpp>

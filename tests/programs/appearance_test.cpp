@@ -1,22 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs whose eyes' features are driven and whose head is shaded (training/trained_parts.hpp).
-#include "training/trained_parts.hpp"
+// Runs whose eyes' features are driven and whose head is shaded (model/trained_parts.hpp).
+#include "model/trained_parts.hpp"
 
 #include <filesystem>
 #include <string>
 
 #include <doctest/doctest.h>
 
-#include <rye/capture/avatar_file.hpp>
-#include <rye/capture/safetensors.hpp>
+#include <rye/io/avatar_file.hpp>
+#include <rye/io/safetensors.hpp>
 #include <rye/interactive/player.hpp>
 
 #include "../support/hostile.hpp"
+#include "drawing/playable.hpp"
+#include "drawing/shown.hpp"
+#include "drawing/variants.hpp"
 #include "tiny_capture.hpp"
 #include "tiny_run.hpp"
-#include "training/playable.hpp"
 #include "training/steps.hpp"
-#include "training/variants.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

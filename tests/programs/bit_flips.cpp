@@ -12,8 +12,8 @@
 #include <string>
 #include <vector>
 
-#include <rye/capture/avatar_file.hpp>
-#include <rye/capture/splats.hpp>
+#include <rye/io/avatar_file.hpp>
+#include <rye/io/splats.hpp>
 
 #include "../support/file_bytes.hpp"
 #include "../support/tiny_playable.hpp"

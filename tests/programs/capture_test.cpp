@@ -12,8 +12,8 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/capture/png.hpp>
-#include <rye/capture/read_capture.hpp>
+#include <rye/io/png.hpp>
+#include <rye/io/read_capture.hpp>
 
 #include "../support/hostile.hpp"
 #include "data/picture.hpp"

@@ -1,19 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "training/compared.hpp"
+#include "model/compared.hpp"
 
 #include <map>
 
 #include <doctest/doctest.h>
 
-#include <rye/capture/safetensors.hpp>
+#include <rye/io/safetensors.hpp>
 #include <rye/rig/eyeball.hpp>
 
 #include "../support/hostile.hpp"
+#include "drawing/playable.hpp"
+#include "drawing/shown.hpp"
+#include "drawing/variants.hpp"
 #include "tiny_capture.hpp"
 #include "tiny_run.hpp"
-#include "training/playable.hpp"
 #include "training/steps.hpp"
-#include "training/variants.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

@@ -5,8 +5,8 @@
 
 #include "../support/hostile.hpp"
 #include "commands/options.hpp"
+#include "model/run_size.hpp"
 #include "tiny_run.hpp"
-#include "training/run_size.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

@@ -6,7 +6,7 @@
 #include <limits>
 #include <string>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 
 namespace {
 

@@ -9,8 +9,8 @@
 #include <rye/avatar/hold.hpp>
 #include <rye/backend/cuda/emulation.hpp>
 
+#include "device/memory.hpp"
 #include "tiny_run.hpp"
-#include "training/device_memory.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

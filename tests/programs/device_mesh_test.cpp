@@ -8,7 +8,7 @@
 #include <doctest/doctest.h>
 
 #include "../support/tiny_mesh.hpp"
-#include "training/mesh_networks.hpp"
+#include "device/mesh_networks.hpp"
 #include "training/steps.hpp"
 
 using namespace rye;

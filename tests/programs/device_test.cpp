@@ -8,12 +8,12 @@
 
 #include "../support/hostile.hpp"
 #include "data/config_difference.hpp"
+#include "device/choice.hpp"
+#include "device/memory.hpp"
+#include "drawing/avatar_drawer.hpp"
+#include "drawing/variants.hpp"
+#include "model/run_size.hpp"
 #include "tiny_run.hpp"
-#include "training/device_choice.hpp"
-#include "training/device_memory.hpp"
-#include "training/drawing.hpp"
-#include "training/run_size.hpp"
-#include "training/variants.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "training/dispatch.hpp"
+#include "drawing/dispatch.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a step of stage 2 is shown: a function of configuration, seed and step; the same on the CPU
 // and on a device.
-#include "training/draws.hpp"
+#include "model/draws.hpp"
 
 #include <algorithm>
 #include <cmath>

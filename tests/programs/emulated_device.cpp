@@ -6,8 +6,8 @@
 
 #include <rye/backend/cuda/emulation.hpp>
 
-#include "training/device_drawer_of.hpp"
-#include "training/device_engine_of.hpp"
+#include "device/drawer_of.hpp"
+#include "device/engine_of.hpp"
 
 namespace rye::trainer {
 namespace {

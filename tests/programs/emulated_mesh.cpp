@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Stage 1 of a program with an emulated device: its networks are the host's, so that both sides
 // begin stage 2 alike; device_mesh_test.cpp runs them in the emulation.
-#include "training/mesh_networks.hpp"
+#include "device/mesh_networks.hpp"
 
 namespace rye::trainer {
 

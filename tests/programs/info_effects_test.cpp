@@ -7,7 +7,7 @@
 #include <doctest/doctest.h>
 
 #include <rye/core/random.hpp>
-#include <rye/gaussian/ply.hpp>
+#include <rye/io/ply.hpp>
 
 #include "../support/hostile.hpp"
 #include "tiny_capture.hpp"

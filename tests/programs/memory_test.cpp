@@ -15,7 +15,7 @@
 #include "data/picture.hpp"
 #include "importers/colmap_model.hpp"
 #include "importers/gaze_file.hpp"
-#include "training/types.hpp"
+#include "model/types.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

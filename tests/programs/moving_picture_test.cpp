@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include <rye/capture/inflate.hpp>
+#include <rye/io/inflate.hpp>
 
 #include "../support/file_bytes.hpp"
 #include "../support/hostile.hpp"

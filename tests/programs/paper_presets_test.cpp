@@ -2,7 +2,7 @@
 // The presets "paper" and "paper-literal": the fields that tell them apart, and what they do.
 #include <doctest/doctest.h>
 
-#include <rye/capture/safetensors.hpp>
+#include <rye/io/safetensors.hpp>
 
 #include "../support/hostile.hpp"
 #include "../support/tiny_mesh.hpp"

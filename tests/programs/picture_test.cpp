@@ -14,9 +14,9 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/capture/atomic_file.hpp>
-#include <rye/capture/bytes.hpp>
-#include <rye/capture/inflate.hpp>
+#include <rye/io/atomic_file.hpp>
+#include <rye/io/bytes.hpp>
+#include <rye/io/inflate.hpp>
 
 #include "../support/hostile.hpp"
 

@@ -15,7 +15,7 @@
 #include <doctest/doctest.h>
 
 #include "../support/hostile.hpp"
-#include "training/rank_watch.hpp"
+#include "device/rank_watch.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

@@ -7,7 +7,7 @@
 #include <fstream>
 #include <limits>
 
-#include <rye/capture/safetensors.hpp>
+#include <rye/io/safetensors.hpp>
 
 #include "../support/file_bytes.hpp"
 #include "../support/hostile.hpp"

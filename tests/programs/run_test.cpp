@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "training/run.hpp"
+#include "model/run.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -17,13 +17,14 @@
 #include <doctest/doctest.h>
 
 #include <rye/avatar/hold.hpp>
-#include <rye/capture/safetensors.hpp>
+#include <rye/io/safetensors.hpp>
 
 #include "../support/file_bytes.hpp"
 #include "../support/hostile.hpp"
 #include "data/checksums.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
+#include "drawing/shown.hpp"
 #include "tiny_capture.hpp"
 #include "tiny_run.hpp"
 #include "training/run_folder.hpp"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "training/scene_profile.hpp"
+#include "drawing/scene_profile.hpp"
 
 #include <doctest/doctest.h>
 

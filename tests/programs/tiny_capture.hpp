@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 #include <rye/geometry/camera.hpp>
 
 namespace rye::trainer {

@@ -4,7 +4,7 @@
 #pragma once
 
 #include "../support/tiny_avatar.hpp"
-#include "training/run.hpp"
+#include "model/run.hpp"
 
 namespace rye::trainer {
 

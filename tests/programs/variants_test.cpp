@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "training/variants.hpp"
+#include "drawing/variants.hpp"
 
 #include <doctest/doctest.h>
 

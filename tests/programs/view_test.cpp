@@ -14,7 +14,7 @@
 #include <memory>
 #include <thread>
 
-#include <rye/capture/splats.hpp>
+#include <rye/io/splats.hpp>
 #include <rye/rig/gaze.hpp>
 
 #include "../support/hostile.hpp"

@@ -7,7 +7,7 @@
 
 #include <load-spz.h>
 
-#include <rye/capture/spz.hpp>
+#include <rye/io/spz.hpp>
 #include <rye/core/random.hpp>
 
 #include "data/deflate.hpp"

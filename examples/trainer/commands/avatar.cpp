@@ -11,7 +11,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include <rye/capture/atomic_file.hpp>
+#include <rye/io/atomic_file.hpp>
 #include <rye/core/error.hpp>
 
 #include "commands/child_jobs.hpp"
@@ -24,8 +24,8 @@
 #include "data/json.hpp"
 #include "data/system.hpp"
 #include "data/validate.hpp"
+#include "device/device.hpp"
 #include "importers/video_tools.hpp"
-#include "training/device.hpp"
 
 namespace rye::trainer {
 namespace {

@@ -5,14 +5,14 @@
 #include <span>
 #include <thread>
 
-#include <rye/capture/atomic_file.hpp>
+#include <rye/io/atomic_file.hpp>
 
 #include "commands/options.hpp"
 #include "data/checksums.hpp"
 #include "data/config_difference.hpp"
 #include "data/json_fields.hpp"
+#include "device/choice.hpp"
 #include "training/begun.hpp"
-#include "training/device_choice.hpp"
 
 namespace rye::trainer {
 namespace {

@@ -9,7 +9,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include <rye/capture/atomic_file.hpp>
+#include <rye/io/atomic_file.hpp>
 #include <rye/core/config.hpp>
 
 #include "commands/commands.hpp"

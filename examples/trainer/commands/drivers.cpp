@@ -7,7 +7,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include <rye/capture/atomic_file.hpp>
+#include <rye/io/atomic_file.hpp>
 
 #include "commands/commands.hpp"
 #include "commands/driving.hpp"

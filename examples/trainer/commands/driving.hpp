@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "training/run.hpp"
+#include "model/run.hpp"
 
 namespace CLI {
 class App;

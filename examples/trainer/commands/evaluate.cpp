@@ -9,19 +9,19 @@
 
 #include <CLI/CLI.hpp>
 
-#include <rye/capture/atomic_file.hpp>
+#include <rye/io/atomic_file.hpp>
 #include <rye/core/checksum.hpp>
 
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
+#include "corrections/camera_colours.hpp"
+#include "corrections/centre_errors.hpp"
 #include "data/checksums.hpp"
 #include "data/corrected_cameras.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
-#include "training/camera_colours.hpp"
-#include "training/centre_errors.hpp"
-#include "training/evaluation.hpp"
-#include "training/head_alignment.hpp"
+#include "evaluation/evaluation.hpp"
+#include "evaluation/head_alignment.hpp"
 
 namespace rye::trainer {
 namespace {

@@ -12,8 +12,8 @@
 
 #include <CLI/CLI.hpp>
 
-#include <rye/capture/atomic_file.hpp>
-#include <rye/capture/splats.hpp>
+#include <rye/io/atomic_file.hpp>
+#include <rye/io/splats.hpp>
 #include <rye/math/harmonics.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/math/scalar.hpp>
@@ -28,9 +28,9 @@
 #include "data/out_format.hpp"
 #include "data/threads.hpp"
 #include "data/zstd.hpp"
-#include "training/linear_bases.hpp"
-#include "training/playable.hpp"
-#include "training/steps.hpp"
+#include "drawing/linear_bases.hpp"
+#include "drawing/playable.hpp"
+#include "drawing/shown.hpp"
 
 namespace rye::trainer {
 namespace {

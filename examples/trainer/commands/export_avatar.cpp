@@ -6,12 +6,12 @@
 #include <cstdio>
 #include <limits>
 
-#include <rye/capture/avatar_file.hpp>
+#include <rye/io/avatar_file.hpp>
 #include <rye/interactive/player.hpp>
 #include <rye/rig/gaze.hpp>
 
 #include "commands/options.hpp"
-#include "training/playable.hpp"
+#include "drawing/playable.hpp"
 
 namespace rye::trainer {
 namespace {

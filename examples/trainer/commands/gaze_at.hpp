@@ -8,8 +8,8 @@
 
 #include <rye/rig/gaze_at.hpp>
 
-#include "training/run.hpp"
-#include "training/scene_facts.hpp"
+#include "drawing/scene_facts.hpp"
+#include "model/run.hpp"
 
 namespace CLI {
 class App;

@@ -18,14 +18,14 @@
 #include "commands/info_json.hpp"
 #include "commands/number.hpp"
 #include "commands/options.hpp"
+#include "corrections/camera_colours.hpp"
+#include "corrections/cameras.hpp"
+#include "corrections/labels.hpp"
+#include "corrections/lights.hpp"
 #include "data/checksums.hpp"
 #include "data/degrees.hpp"
 #include "data/validate.hpp"
-#include "training/camera_colours.hpp"
-#include "training/cameras.hpp"
-#include "training/device.hpp"
-#include "training/labels.hpp"
-#include "training/lights.hpp"
+#include "device/device.hpp"
 
 namespace rye::trainer {
 namespace {

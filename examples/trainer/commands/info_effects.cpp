@@ -7,7 +7,7 @@
 #include <filesystem>
 #include <iterator>
 
-#include <rye/capture/splats.hpp>
+#include <rye/io/splats.hpp>
 #include <rye/gaussian/activate.hpp>
 #include <rye/math/rotation.hpp>
 
@@ -16,10 +16,10 @@
 #include "data/memory_limit.hpp"
 #include "data/photographs.hpp"
 #include "data/zstd.hpp"
-#include "training/dispatch.hpp"
-#include "training/scene_profile.hpp"
-#include "training/steps.hpp"
-#include "training/variants.hpp"
+#include "drawing/dispatch.hpp"
+#include "drawing/scene_profile.hpp"
+#include "drawing/shown.hpp"
+#include "drawing/variants.hpp"
 
 namespace rye::trainer {
 namespace {

@@ -10,7 +10,7 @@
 #include <rye/core/error.hpp>
 
 #include "data/out_format.hpp"
-#include "training/run.hpp"
+#include "model/run.hpp"
 
 namespace CLI {
 class App;
@@ -71,7 +71,7 @@ std::function<std::string(const std::string&)> read_check(F f) {
 std::function<std::string(const std::string&)> from_to(int least, int most);
 std::function<std::string(const std::string&)> from_to(double least, double most);
 
-/// Adds --device: auto, cpu or cuda; `device` has its default (device_choice.hpp).
+/// Adds --device: auto, cpu or cuda; `device` has its default (device/choice.hpp).
 void add_device(CLI::App& command, std::string& device, const std::string& help);
 /// Help of --device for commands that draw a run.
 inline constexpr const char* drawing_device_help =

@@ -12,7 +12,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include <rye/capture/atomic_file.hpp>
+#include <rye/io/atomic_file.hpp>
 #include <rye/math/rotation.hpp>
 
 #include "commands/camera_options.hpp"
@@ -27,7 +27,7 @@
 #include "data/panel.hpp"
 #include "data/system.hpp"
 #include "data/threads.hpp"
-#include "training/variants.hpp"
+#include "drawing/variants.hpp"
 
 namespace rye::trainer {
 namespace {

@@ -10,13 +10,13 @@
 
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
+#include "corrections/cameras.hpp"
+#include "corrections/labels.hpp"
 #include "data/corrected_cameras.hpp"
 #include "data/degrees.hpp"
 #include "data/samples.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
-#include "training/cameras.hpp"
-#include "training/labels.hpp"
 #include "training/refine.hpp"
 
 namespace rye::trainer {

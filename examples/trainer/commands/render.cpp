@@ -12,7 +12,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include <rye/capture/splats.hpp>
+#include <rye/io/splats.hpp>
 #include <rye/gaussian/activate.hpp>
 #include <rye/splat/lanes.hpp>
 #include <rye/splat/select_accuracy.hpp>
@@ -26,7 +26,7 @@
 #include "data/picture.hpp"
 #include "data/threads.hpp"
 #include "data/zstd.hpp"
-#include "training/drawing.hpp"
+#include "drawing/avatar_drawer.hpp"
 
 namespace rye::trainer {
 namespace {

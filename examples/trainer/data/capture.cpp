@@ -5,7 +5,7 @@
 #include <map>
 #include <mutex>
 
-#include <rye/capture/read_capture.hpp>
+#include <rye/io/read_capture.hpp>
 
 #include "data/memory_limit.hpp"
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// data/capture.hpp: captures with the program's pictures: PNG and JPEG, decoded images cached, and
-/// its limit on memory. What a capture is, and how it is read, is in rye/capture/capture.hpp and
-/// rye/capture/read_capture.hpp.
+/// its limit on memory. What a capture is, and how it is read, is in rye/io/capture.hpp and
+/// rye/io/read_capture.hpp.
 #pragma once
 
 #include <cstddef>
@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include <rye/capture/capture.hpp>
+#include <rye/io/capture.hpp>
 
 #include "data/picture.hpp"
 

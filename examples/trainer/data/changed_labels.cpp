@@ -4,7 +4,7 @@
 #include <array>
 #include <span>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 #include <rye/core/checksum.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>

@@ -12,7 +12,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 
 namespace rye::trainer {
 

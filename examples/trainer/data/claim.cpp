@@ -5,7 +5,7 @@
 #include <thread>
 #include <utility>
 
-#include <rye/capture/atomic_file.hpp>
+#include <rye/io/atomic_file.hpp>
 #include <rye/core/checksum.hpp>
 
 namespace rye::trainer {

@@ -122,14 +122,14 @@ struct TrainConfig {
     GazeAxis gaze_axis = GazeAxis::optical;
     bool measured_eyes = true;  ///< eyeball centres and radii from gaze.npz if it has them, else
                                 ///< from the landmarks around the eyes, as in the paper
-    bool correct_labels = false; ///< for training frames (training/labels.hpp)
-    bool correct_colours = false; ///< for cameras (training/camera_colours.hpp)
-    bool correct_cameras = false; ///< for poses and focal lengths (training/cameras.hpp)
+    bool correct_labels = false; ///< for training frames (corrections/labels.hpp)
+    bool correct_colours = false; ///< for cameras (corrections/camera_colours.hpp)
+    bool correct_cameras = false; ///< for poses and focal lengths (corrections/cameras.hpp)
     AvatarConfig avatar;
     GazeMechanismName gaze_mechanism = GazeMechanismName::rotation; ///< JSON: avatar.gaze_mechanism
     EyeAppearanceName eye_appearance = EyeAppearanceName::driven;   ///< JSON: avatar.eye_appearance
     ShadingName shading = ShadingName::none;                     ///< JSON: avatar.shading
-    bool highlights = false; ///< lights found in the photographs (training/lights.hpp); JSON:
+    bool highlights = false; ///< lights found in the photographs (corrections/lights.hpp); JSON:
                              ///< avatar.highlights
     GridConfig grid;
     MeshTrainConfig mesh;

@@ -5,7 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include <rye/capture/atomic_file.hpp>
+#include <rye/io/atomic_file.hpp>
 
 #include "data/checksums.hpp"
 #include "data/json_fields.hpp"

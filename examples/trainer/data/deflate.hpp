@@ -2,7 +2,7 @@
 /// data/deflate.hpp: zlib as the compressor of SPZ files.
 #pragma once
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 
 namespace rye::trainer {
 

@@ -8,7 +8,7 @@
 #include <map>
 #include <set>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/format.hpp>
 #include <rye/core/memory.hpp>

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 #include <rye/core/error.hpp>
 
 #include "data/memory_limit.hpp"

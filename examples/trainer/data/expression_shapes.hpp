@@ -5,7 +5,7 @@
 
 #include <string>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 
 #include "data/capture.hpp"
 

@@ -10,7 +10,7 @@
 #include <cstdint>
 #include <string_view>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 #include <rye/core/checksum.hpp>
 #include <rye/core/random.hpp>
 

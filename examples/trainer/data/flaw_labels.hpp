@@ -6,7 +6,7 @@
 #include <array>
 #include <filesystem>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 #include <rye/core/columns.hpp>
 
 #include "data/flaw_draws.hpp"

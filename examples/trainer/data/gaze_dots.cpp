@@ -6,7 +6,7 @@
 #include <cmath>
 #include <sstream>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/parse.hpp>
 

@@ -11,7 +11,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 #include <rye/core/error.hpp>
 
 namespace rye::trainer {

@@ -9,8 +9,8 @@
 #include <cstring>
 #include <span>
 
-#include <rye/capture/atomic_file.hpp>
-#include <rye/capture/inflate.hpp>
+#include <rye/io/atomic_file.hpp>
+#include <rye/io/inflate.hpp>
 #include <rye/core/error.hpp>
 
 #include "data/film_encoder.hpp"

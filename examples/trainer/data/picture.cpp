@@ -6,8 +6,8 @@
 #include <string>
 #include <string_view>
 
-#include <rye/capture/atomic_file.hpp>
-#include <rye/capture/bytes.hpp>
+#include <rye/io/atomic_file.hpp>
+#include <rye/io/bytes.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/memory.hpp>
 

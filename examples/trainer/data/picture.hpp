@@ -6,8 +6,8 @@
 #include <filesystem>
 #include <string>
 
-#include <rye/capture/bytes.hpp>
-#include <rye/capture/image8.hpp>
+#include <rye/io/bytes.hpp>
+#include <rye/io/image8.hpp>
 #include <rye/core/columns.hpp>
 
 namespace rye::trainer {

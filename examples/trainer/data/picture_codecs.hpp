@@ -6,7 +6,7 @@
 
 #include <string>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 
 #include "data/picture.hpp"
 

@@ -10,7 +10,7 @@
 
 #include <png.h>
 
-#include <rye/capture/inflate.hpp>
+#include <rye/io/inflate.hpp>
 #include <rye/core/error.hpp>
 
 namespace rye::trainer {

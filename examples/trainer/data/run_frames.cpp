@@ -7,7 +7,7 @@
 #include <cmath>
 #include <cstring>
 
-#include <rye/capture/safetensors.hpp>
+#include <rye/io/safetensors.hpp>
 
 #include "data/cameras_file.hpp"
 #include "data/checksums.hpp"

@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <string>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 
 #include "data/capture.hpp"
 

@@ -11,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 
 namespace rye::trainer {
 

@@ -10,7 +10,7 @@
 #include <string>
 #include <utility>
 
-#include <rye/capture/eye_sizes.hpp>
+#include <rye/io/eye_sizes.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>

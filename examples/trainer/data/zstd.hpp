@@ -3,7 +3,7 @@
 /// reads none.
 #pragma once
 
-#include <rye/capture/zstd.hpp>
+#include <rye/io/zstd.hpp>
 
 namespace rye::trainer {
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 

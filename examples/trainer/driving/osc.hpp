@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 
 #include "driving/face_track.hpp"
 

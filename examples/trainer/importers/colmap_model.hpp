@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 #include <rye/geometry/rigid.hpp>
 
 #include "data/photographs.hpp"

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>

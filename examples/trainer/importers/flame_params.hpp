@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 #include <rye/math/linalg.hpp>
 
 namespace rye::trainer {

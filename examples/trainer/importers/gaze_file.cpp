@@ -5,7 +5,7 @@
 #include <optional>
 #include <sstream>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/memory.hpp>
 #include <rye/core/parse.hpp>

@@ -9,11 +9,12 @@
 #include <optional>
 #include <set>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "corrections/gaze_estimator.hpp"
 #include "data/checksums.hpp"
 #include "data/config.hpp"
 #include "data/degrees.hpp"
@@ -24,7 +25,6 @@
 #include "importers/face_geometry.hpp"
 #include "importers/gaze_file.hpp"
 #include "importers/import_folder.hpp"
-#include "training/gaze_estimator.hpp"
 
 namespace rye::trainer {
 namespace {

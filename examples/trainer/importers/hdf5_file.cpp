@@ -3,8 +3,8 @@
 
 #include <cstring>
 
-#include <rye/capture/bytes.hpp>
-#include <rye/capture/npy.hpp>
+#include <rye/io/bytes.hpp>
+#include <rye/io/npy.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/memory.hpp>
 

@@ -7,7 +7,7 @@
 #include <set>
 #include <span>
 
-#include <rye/capture/npz.hpp>
+#include <rye/io/npz.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 

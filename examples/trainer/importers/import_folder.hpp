@@ -2,7 +2,7 @@
 /// importers/import_folder.hpp: options and summary of an import, and the capture folder that it
 /// writes, frame by frame. A frame counts as complete once import.json lists it; all files are
 /// replaced atomically, so an interrupted import is continued and repeats no complete frame.
-/// World, head and camera conventions of rye/capture/capture.hpp.
+/// World, head and camera conventions of rye/io/capture.hpp.
 #pragma once
 
 #include <array>

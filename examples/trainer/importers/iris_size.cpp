@@ -8,8 +8,8 @@
 
 #include <rye/train/capture_subject.hpp>
 
+#include "corrections/seen_gazes.hpp"
 #include "data/config.hpp"
-#include "training/seen_gazes.hpp"
 
 namespace rye::trainer {
 namespace {

@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/parse.hpp>
 

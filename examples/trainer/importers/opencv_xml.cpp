@@ -7,7 +7,7 @@
 
 #include <Eigen/LU>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/parse.hpp>
 

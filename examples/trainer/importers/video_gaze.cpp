@@ -9,12 +9,12 @@
 #include <rye/core/error.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "corrections/gaze_estimator.hpp"
 #include "data/degrees.hpp"
 #include "data/median.hpp"
 #include "data/picture.hpp"
 #include "data/threads.hpp"
 #include "importers/face_mesh.hpp"
-#include "training/gaze_estimator.hpp"
 
 namespace rye::trainer {
 namespace {

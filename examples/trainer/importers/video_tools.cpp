@@ -6,7 +6,7 @@
 #include <cstdlib>
 #include <string>
 
-#include <rye/capture/atomic_file.hpp>
+#include <rye/io/atomic_file.hpp>
 #include <rye/core/error.hpp>
 
 #include "data/process.hpp"

@@ -20,7 +20,7 @@
 
 #include <Eigen/LU>
 
-#include <rye/capture/npy.hpp>
+#include <rye/io/npy.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>

@@ -3,7 +3,7 @@
 #include <variant>
 
 #include <rye/avatar/hold.hpp>
-#include <rye/capture/lpips_weights.hpp>
+#include <rye/io/lpips_weights.hpp>
 
 #include "training/avatar_training.hpp"
 #include "training/steps.hpp"
@@ -69,26 +69,6 @@ std::unique_ptr<AvatarSteps> avatar_steps(TrainState& state,
             state.compared->avatar, state.compared->adam, state, perceptual_weights);
     return std::make_unique<StepsOf<TrainEffects>>(state.avatar, state.avatar_adam, state,
                                                    perceptual_weights);
-}
-
-TwoStreamGaussians<float> driven_compared(const ComparedAvatar& avatar, const AvatarConfig& config,
-                                          const LandmarkRoles& roles,
-                                          const Drivers<float>& drivers) {
-    TwoStreamTrace<float, ComparedEffects> trace;
-    drive(train_backend(), avatar, {config, roles, restricted<ComparedEffects>(drivers)}, trace);
-    return trace;
-}
-
-void check_perceptual_weights(const std::filesystem::path& perceptual_weights) {
-    if (!perceptual_weights.empty()) read_lpips_weights<float>(perceptual_weights);
-}
-
-PictureDistance lpips_of(const std::filesystem::path& perceptual_weights) {
-    if (perceptual_weights.empty()) return {};
-    const LpipsVgg<float> lpips{read_lpips_weights<float>(perceptual_weights)};
-    return [lpips](const Image<float>& a, const Image<float>& b) {
-        return static_cast<double>(lpips.value(train_backend(), a, b));
-    };
 }
 
 } // namespace rye::trainer

@@ -10,7 +10,7 @@
 
 #include <rye/train/avatar_trainer.hpp>
 
-#include "training/run.hpp"
+#include "model/run.hpp"
 #include "training/steps.hpp"
 
 namespace rye::trainer {

@@ -4,7 +4,7 @@
 
 #include <filesystem>
 
-#include "training/run.hpp"
+#include "model/run.hpp"
 
 namespace rye::trainer {
 

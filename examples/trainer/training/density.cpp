@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/density.hpp"
 
-#include "training/types.hpp"
+#include "model/types.hpp"
 
 namespace rye::trainer {
 

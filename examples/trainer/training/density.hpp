@@ -4,7 +4,7 @@
 
 #include <rye/train/density.hpp>
 
-#include "training/run.hpp"
+#include "model/run.hpp"
 
 namespace rye::trainer {
 

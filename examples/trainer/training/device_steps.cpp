@@ -5,7 +5,7 @@
 #include <cmath>
 #include <map>
 
-#include <rye/capture/lpips_weights.hpp>
+#include <rye/io/lpips_weights.hpp>
 #include <rye/train/density.hpp>
 
 #include "data/threads.hpp"

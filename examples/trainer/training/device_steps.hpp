@@ -7,8 +7,8 @@
 #include <optional>
 #include <vector>
 
-#include "training/device.hpp"
-#include "training/draws.hpp"
+#include "device/device.hpp"
+#include "model/draws.hpp"
 #include "training/steps.hpp"
 
 namespace rye::trainer {
@@ -41,7 +41,7 @@ struct DeviceStepSettings {
 };
 
 /// Copies the state's avatar and optimiser and the capture's training views to the device. The
-/// state must be in stage 2, and without_kernels (device_choice.hpp) empty for it.
+/// state must be in stage 2, and without_kernels (device/choice.hpp) empty for it.
 std::unique_ptr<DeviceSteps> device_steps(const TrainState& state, const Capture& capture,
                                           const std::filesystem::path& perceptual_weights,
                                           const DeviceStepSettings& settings = {});

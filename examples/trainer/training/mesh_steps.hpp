@@ -6,7 +6,7 @@
 #include <rye/train/initialize.hpp>
 #include <rye/train/stage_mesh.hpp>
 
-#include "training/mesh_networks.hpp"
+#include "device/mesh_networks.hpp"
 #include "training/steps.hpp"
 
 namespace rye::trainer {

@@ -14,8 +14,8 @@
 #include <random>
 #include <thread>
 
-#include <rye/capture/atomic_file.hpp>
-#include <rye/capture/bytes.hpp>
+#include <rye/io/atomic_file.hpp>
+#include <rye/io/bytes.hpp>
 
 #include "data/system.hpp"
 

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "training/ranks.hpp"
+#include "model/ranks.hpp"
 
 namespace rye::trainer {
 

@@ -9,8 +9,8 @@
 #include "data/degrees.hpp"
 #include "data/median.hpp"
 #include "data/samples.hpp"
-#include "training/playable.hpp"
-#include "training/types.hpp"
+#include "drawing/playable.hpp"
+#include "model/types.hpp"
 
 namespace rye::trainer {
 namespace {

@@ -13,7 +13,7 @@
 #include "data/capture.hpp"
 #include "data/changed_labels.hpp"
 #include "data/config.hpp"
-#include "training/run.hpp"
+#include "model/run.hpp"
 
 namespace rye::trainer {
 

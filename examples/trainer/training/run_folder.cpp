@@ -9,14 +9,14 @@
 #include <utility>
 #include <vector>
 
-#include <rye/capture/atomic_file.hpp>
+#include <rye/io/atomic_file.hpp>
 
+#include "corrections/cameras.hpp"
 #include "data/checksums.hpp"
 #include "data/corrected_cameras.hpp"
 #include "data/json.hpp"
 #include "data/picture.hpp"
 #include "data/run_frames.hpp"
-#include "training/cameras.hpp"
 
 namespace rye::trainer {
 namespace {

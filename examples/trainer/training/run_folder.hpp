@@ -14,7 +14,7 @@
 #include <nlohmann/json.hpp>
 
 #include "data/system.hpp"
-#include "training/run.hpp"
+#include "model/run.hpp"
 
 namespace rye::trainer {
 

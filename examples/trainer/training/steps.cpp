@@ -8,10 +8,10 @@
 #include <rye/train/checkpoint.hpp>
 #include <rye/train/fit_deformation.hpp>
 
+#include "corrections/expression_regions.hpp"
 #include "data/panel.hpp"
-#include "training/expression_regions.hpp"
+#include "model/trained_parts.hpp"
 #include "training/mesh_steps.hpp"
-#include "training/trained_parts.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -147,155 +147,6 @@ StepReport MeshStepper::step(TrainState& state, const TetGrid<float>& grid,
     if (memory_->networks != nullptr)
         return mesh_step_on(*memory_->networks, *memory_, state, input);
     return mesh_step_by(train_backend(), *memory_, state, input);
-}
-
-Image<float> of_camera(Image<float> picture, const Pinhole<float>& camera) {
-    if (picture.width == camera.width && picture.height == camera.height) return picture;
-    return cropped(picture, 0, 0, camera.width, camera.height);
-}
-
-namespace {
-
-/// Throws an Error for numbers that are not finite: they draw nothing, or anything.
-void require_drawable(const Gaussians<float>& g) {
-    Gaussians<float>::fields([](const std::string& name, const auto& a) {
-        require(a.allFinite(), "the driven Gaussians",
-                "their '" + name + "' is not finite everywhere; the run is damaged, or its drivers "
-                "are far from those of its training");
-    }, g);
-}
-
-/// Returns the driven Gaussians of the state's avatar.
-TwoStreamGaussians<float> driven(const TrainState& state,
-                                 const Drivers<float, TrainEffects>& drivers) {
-    const AvatarConfig& config = state.config.avatar;
-    const LandmarkRoles& roles = state.subject.roles;
-    if (state.compared)
-        return driven_compared(state.compared->avatar, config, roles,
-                               restricted<PaperEffects>(drivers));
-    TwoStreamTrace<float, TrainEffects> trace;
-    drive(train_backend(), state.avatar, {config, roles, drivers}, trace);
-    return trace;
-}
-/// Returns them as a camera sees them.
-TwoStreamGaussians<float> driven(const TrainState& state, const Drivers<float>& drivers,
-                                 const Pinhole<float>& camera) {
-    return driven(state, seen_from(restricted<TrainEffects>(drivers), camera));
-}
-
-} // namespace
-
-AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
-                         const Pinhole<float>& camera, bool streams) {
-    const TrainConfig& config = state.config;
-    const int factor = 1 << config.gaussians.upsampler.doublings;
-    const Pinhole<float> small = reduced(camera, factor);
-    const TwoStreamGaussians<float> trace = driven(state, drivers, small);
-    require_drawable(trace.gaussians);
-    const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
-    const TrainRasterizer rasterizer = train_rasterizer();
-    AvatarView v;
-    v.final = rasterizer.forward(train_backend(), trace.gaussians, small, white).feature;
-    if (streams) {
-        const GaussianView<float> face = config.gaussians.weights.blank_eyeballs // as in the loss
-            ? view_of(trace.gaussians).painted_from(trace.face_count, white)
-            : trace.face_gaussians();
-        v.face = rasterizer.forward(train_backend(), face, small, white).feature;
-        v.eyes = rasterizer.forward(train_backend(), trace.eye_gaussians(), small, white).feature;
-    }
-    v.high = of_camera(upsampler_forward(train_backend(), state.avatar.upsampler, v.final, nullptr),
-                       camera);
-    return v;
-}
-
-Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
-                        const Pinhole<float>& camera) {
-    const TrainConfig& config = state.config;
-    const Pinhole<float> small = reduced(camera, 1 << config.gaussians.upsampler.doublings);
-    const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
-    require_drawable(driven);
-    return of_camera(
-        upsampler_forward(train_backend(), state.avatar.upsampler,
-                          train_rasterizer().forward(train_backend(), driven, small, white).feature,
-                          nullptr),
-        camera);
-}
-
-std::array<Vec3<double>, 2> posed_centres(const TrainState& state, const Drivers<float>& drivers) {
-    const Avatar& avatar = state.avatar;
-    const AvatarConfig& config = state.config.avatar;
-    const OpticalDrivers<float> optical = optical_drivers(state, drivers);
-    const HeadTransform<float> head = head_transform(optical.drivers);
-    EyeOffsetTrace<float> offset;
-    const Columns<float> centre =
-        avatar.eyes.centre + eye_offset<float>(train_backend(), avatar.eyes.offset, config,
-                                               frame_code(config, optical), offset);
-    std::array<Vec3<double>, 2> world;
-    for (Index e = 0; e < 2; ++e) {
-        const Vec3<float> c = head.scale * (head.rotation * centre.col(e));
-        world[static_cast<std::size_t>(e)] = (c + head.translation).cast<double>();
-    }
-    return world;
-}
-
-namespace {
-
-/// Returns the area of PosedEyes for driven Gaussians, whose features are overwritten.
-Image<float> eyes_area(const TrainState& state, TwoStreamGaussians<float>& shown,
-                       const Pinhole<float>& camera) {
-    const Avatar& avatar = state.avatar;
-    Gaussians<float>& both = shown.gaussians;
-    both.feature = Columns<float>::Zero(2, both.count());
-    for (Index e = 0; e < 2; ++e)
-        both.feature.row(e)
-            .segment(shown.face_count + avatar.eyes.first_point(e), avatar.eyes.points_of(e))
-            .setOnes();
-    const VecX<float> nothing = VecX<float>::Zero(2);
-    return train_rasterizer().forward(train_backend(), both, camera, nothing).feature;
-}
-
-} // namespace
-
-PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
-                     const Pinhole<float>& camera) {
-    TwoStreamGaussians<float> shown = driven(state, drivers, camera);
-    return {posed_centres(state, drivers), eyes_area(state, shown, camera)};
-}
-
-ShownAvatar shown_avatar(const TrainState& state, const Drivers<float>& drivers,
-                         const Pinhole<float>& camera) {
-    TwoStreamGaussians<float> shown = driven(state, drivers, camera);
-    ShownAvatar r;
-    r.picture = picture_of(state, shown.gaussians, camera);
-    r.eyes = {posed_centres(state, drivers), eyes_area(state, shown, camera)};
-    return r;
-}
-
-Gaussians<float> driven_gaussians(const TrainState& state,
-                                  const Drivers<float, TrainEffects>& drivers) {
-    TwoStreamGaussians<float> shown = driven(state, drivers);
-    require_drawable(shown.gaussians);
-    return std::move(shown.gaussians);
-}
-
-Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
-    const auto plain = restricted<TrainEffects>(drivers);
-    if (state.avatar.eyes.optics.lights() == 0) return driven_gaussians(state, plain);
-    TrainState without = state;
-    without.avatar.eyes.optics = {};
-    return driven_gaussians(without, plain);
-}
-
-Image<float> rgb_of(const Image<float>& feature) {
-    Image<float> rgb;
-    rgb.width = feature.width;
-    rgb.height = feature.height;
-    rgb.pixels = feature.pixels.topRows(3);
-    return rgb;
-}
-
-double masked_ssim(const Image<float>& a, const Image<float>& b, const Columns<float>& area) {
-    return ssim(train_backend(), a, b, area);
 }
 
 } // namespace rye::trainer

@@ -12,8 +12,8 @@
 #include <rye/train/face_smoothness.hpp>
 #include <rye/train/thread_group.hpp>
 
-#include "training/lights.hpp"
-#include "training/run.hpp"
+#include "corrections/lights.hpp"
+#include "model/run.hpp"
 
 namespace rye::trainer {
 
@@ -32,7 +32,7 @@ using Probe = std::function<void(const char*)>;  ///< called at the end of each 
 /// Returns the lattice of stage 1 around the subject's head.
 TetGrid<float> make_lattice(const TrainState& state);
 
-class MeshNetworks;  ///< on a device (training/mesh_networks.hpp); below, null means the host's
+class MeshNetworks;  ///< on a device (device/mesh_networks.hpp); below, null means the host's
 
 /// Fits the guidance mesh to a sphere, from the state's seed.
 void pretrain_mesh(TrainState& state, MeshNetworks* networks = nullptr);
@@ -97,63 +97,5 @@ class AvatarSteps {
 /// the weight-free loss. The state must not move.
 std::unique_ptr<AvatarSteps> avatar_steps(TrainState& state,
                                           const std::filesystem::path& perceptual_weights);
-
-/// Throws an Error if the file of weights, if any, cannot be read.
-void check_perceptual_weights(const std::filesystem::path& perceptual_weights);
-
-/// Distance of two RGB pictures of one size.
-using PictureDistance = std::function<double(const Image<float>&, const Image<float>&)>;
-/// Returns LPIPS by the weights in a file; empty without a file.
-PictureDistance lpips_of(const std::filesystem::path& perceptual_weights);
-
-/// Pictures of an avatar: the feature renders, and the image after super-resolution on white.
-struct AvatarView {
-    Image<float> final, face, eyes;  ///< the last two if streams were asked for
-    Image<float> high;               ///< RGB
-};
-
-/// Returns the pictures; `camera` is of the full-size image. Here and below the state is a drawn
-/// one (run.hpp).
-AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
-                         const Pinhole<float>& camera, bool streams = false);
-
-/// Returns the RGB image of driven Gaussians after super-resolution, on white, as render_avatar's.
-Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
-                        const Pinhole<float>& camera);
-
-/// Eyeballs as an avatar's own rig places and shows them.
-struct PosedEyes {
-    std::array<Vec3<double>, 2> centre; ///< world
-    /// Share of eyeball e's Gaussians in the pixel's colour, with the face in front of them, as
-    /// channel e; of the camera's size.
-    Image<float> area;
-};
-PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
-                     const Pinhole<float>& camera);
-/// Returns the centres alone, world units.
-std::array<Vec3<double>, 2> posed_centres(const TrainState& state, const Drivers<float>& drivers);
-
-/// Picture as render_avatar's and eyes as posed_eyes', of an avatar driven once.
-struct ShownAvatar {
-    Image<float> picture;
-    PosedEyes eyes;
-};
-ShownAvatar shown_avatar(const TrainState& state, const Drivers<float>& drivers,
-                         const Pinhole<float>& camera);
-
-/// Returns a picture of whole blocks of super-resolution, cropped to the camera's size.
-Image<float> of_camera(Image<float> picture, const Pinhole<float>& camera);
-
-/// Returns the driven Gaussians of both streams in the world, the face's first.
-Gaussians<float> driven_gaussians(const TrainState& state,
-                                  const Drivers<float, TrainEffects>& drivers);
-/// The same without highlights, which no camera sees.
-Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers);
-
-/// Returns the RGB of a feature render (its first three channels).
-Image<float> rgb_of(const Image<float>& feature);
-
-/// Returns SSIM over an area (1 x pixels).
-double masked_ssim(const Image<float>& a, const Image<float>& b, const Columns<float>& area);
 
 } // namespace rye::trainer

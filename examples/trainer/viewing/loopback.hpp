@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-#include <rye/capture/bytes.hpp>
+#include <rye/io/bytes.hpp>
 
 namespace rye::trainer {
 

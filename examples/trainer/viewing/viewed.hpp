@@ -10,8 +10,8 @@
 #include <rye/avatar/playable.hpp>
 
 #include "data/json.hpp"
-#include "training/device_choice.hpp"
-#include "training/run.hpp"
+#include "device/choice.hpp"
+#include "model/run.hpp"
 
 namespace rye::trainer {
 

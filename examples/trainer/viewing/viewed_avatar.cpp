@@ -5,13 +5,13 @@
 
 #include <rye/avatar/gaze_at.hpp>
 #include <rye/avatar/idle_head.hpp>
-#include <rye/capture/avatar_file.hpp>
+#include <rye/io/avatar_file.hpp>
 #include <rye/interactive/player.hpp>
 #include <rye/rig/gaze.hpp>
 
-#include "training/playable.hpp"
-#include "training/variant_list.hpp"
-#include "training/variants.hpp"
+#include "drawing/playable.hpp"
+#include "drawing/variant_list.hpp"
+#include "drawing/variants.hpp"
 #include "viewing/viewed.hpp"
 
 namespace rye::trainer {

@@ -3,12 +3,12 @@
 #include <chrono>
 #include <cmath>
 
-#include <rye/capture/splats.hpp>
+#include <rye/io/splats.hpp>
 #include <rye/gaussian/activate.hpp>
 #include <rye/geometry/check_camera.hpp>
 
 #include "data/memory_limit.hpp"
-#include "training/types.hpp"
+#include "model/types.hpp"
 #include "viewing/viewed.hpp"
 
 namespace rye::trainer {

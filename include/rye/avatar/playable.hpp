@@ -2,7 +2,7 @@
 /// rye/avatar/playable.hpp: a trained avatar together with what a program needs to show it: its
 /// settings, the drivers that it rests at, their ranges, a camera and a background.
 /// Frames: canonical units, head frame with +z out of the face; eye 0 is the subject's left;
-/// cameras as in geometry/camera.hpp. The file is capture/avatar_file.hpp's.
+/// cameras as in geometry/camera.hpp. The file is io/avatar_file.hpp's.
 #pragma once
 
 #include <algorithm>

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include <rye/avatar/playable.hpp>
-#include <rye/capture/capture.hpp>
+#include <rye/io/capture.hpp>
 #include <rye/core/error.hpp>
 #include <rye/train/capture_subject.hpp>
 #include <rye/train/samples.hpp>

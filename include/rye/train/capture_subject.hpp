@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/train/capture_subject.hpp: what training takes of a capture's labels: drivers of a frame,
 /// landmarks and their roles, the neutral head and its eyeballs. Canonical frame: the head's, of
-/// the first training frame. Units as in capture/capture.hpp.
+/// the first training frame. Units as in io/capture.hpp.
 #pragma once
 
 #include <algorithm>
@@ -11,8 +11,8 @@
 
 #include <rye/avatar/drivers.hpp>
 #include <rye/avatar/weights.hpp>
-#include <rye/capture/capture.hpp>
-#include <rye/capture/eye_sizes.hpp>
+#include <rye/io/capture.hpp>
+#include <rye/io/eye_sizes.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>

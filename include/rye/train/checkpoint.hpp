@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include <rye/capture/safetensors.hpp>
+#include <rye/io/safetensors.hpp>
 #include <rye/nn/adam.hpp>
 
 namespace rye {
