@@ -71,7 +71,8 @@ const shown = (x, digits, unit = "") => (x === null || x === undefined ? "-" : x
 function printed(judgements) {
     const titles = ["evaluation", "faces: photograph, render", "landmarks [% of the eyes' distance]",
                     "irises [% of an eye's width]", "gaze by irises, eyes", "rye's gaze error, same pictures",
-                    "gaze by irises, eyes at rest", "rye's", "eyeBlink", "52 coefficients", "identity"];
+                    "gaze by irises, eyes at rest", "rye's", "gaze by irises, photograph moved by 3 pixels",
+                    "eyeBlink", "52 coefficients", "identity"];
     console.log(`\n| ${titles.join(" | ")} |\n|${"---|".repeat(titles.length)}`);
     const pairs = [];
     judgements.forEach(([{ folder, views }, found]) => {
@@ -79,7 +80,8 @@ function printed(judgements) {
         const cells = [
             folder, `${all.faces.photograph}, ${all.faces.render} of ${all.pictures}`, shown(all.landmarks, 2),
             shown(all.irises, 2), `${shown(all.gaze.degrees, 2, "°")}, ${all.gaze.eyes}`, shown(rye.degrees, 2, "°"),
-            shown(all.gaze.at_rest, 2, "°"), shown(rye.at_rest, 2, "°"), shown(all.blink, 3),
+            shown(all.gaze.at_rest, 2, "°"), shown(rye.at_rest, 2, "°"),
+            shown(all.gaze.moved, 2, "°"), shown(all.blink, 3),
             shown(all.coefficients, 3), shown(all.identity, 3)];
         console.log(`| ${cells.join(" | ")} |`);
         each.forEach((v, k) => {
@@ -108,7 +110,7 @@ async function judgement(e, { faces, identities }, not_run) {
         if (!faces || old.not_run?.every((line) => not_run.includes(line))) return old;
     }
     if (!faces) return null;
-    const looked = [await seen(faces, 3, e.views), identities && (await seen(identities, 2, e.views))];
+    const looked = [await seen(faces, 4, e.views), identities && (await seen(identities, 2, e.views))];
     const text = JSON.stringify(judged(e, ...looked, not_run), null, 1);
     fs.writeFileSync(`${file}.tmp`, `${text}\n`);
     fs.renameSync(`${file}.tmp`, file);

@@ -116,9 +116,11 @@ function gazeErrors(photograph, other) {
 }
 
 /// Returns what distinguishes the faces of a photograph, a render, and a render with the gaze at rest; a
-/// number is null and a list empty where the photograph has no such thing. `identity` is the distance
-/// of identities on photograph and render: null without a face on the photograph, undefined if not run.
-function compared([photograph, render, rest], identity) {
+/// number is null and a list empty where the photograph has no such thing. `moved`, if given, is the face of
+/// the same photograph moved by a few pixels: what differs there is the judge's own scatter. `identity` is
+/// the distance of identities on photograph and render: null without a face on the photograph, undefined if
+/// not run.
+function compared([photograph, render, rest, moved], identity) {
     const view = { found: [!!photograph, !!render] };
     if (photograph) {
         const { seen } = counted(photograph), p = photograph, q = render;
@@ -130,6 +132,7 @@ function compared([photograph, render, rest], identity) {
         view.irises = seen.map((e) => of("irises", () => 100 * apart(irisOffset(p, e), irisOffset(q, e))));
         view.gaze = gazeErrors(p, q);
         view.gaze_at_rest = gazeErrors(p, rest);
+        if (moved !== undefined) view.gaze_moved = gazeErrors(p, moved);
         view.blink = of("blink", () => mean(eyes.map((e) => Math.abs(blink(p, e) - blink(q, e)))));
         view.coefficients = of("coefficients", () =>
             mean(Object.entries(p.coefficients).map(([name, x]) => Math.abs(x - q.coefficients[name]))));
@@ -147,7 +150,8 @@ function averaged(views) {
         faces: { photograph: views.filter((v) => v.found[0]).length,
                  render: views.filter((v) => v.found[1]).length },
         landmarks: of("landmarks"), irises: of("irises"),
-        gaze: { degrees: of("gaze"), at_rest: of("gaze_at_rest"), eyes: seen("gaze").flat().length },
+        gaze: { degrees: of("gaze"), at_rest: of("gaze_at_rest"), moved: of("gaze_moved"),
+                eyes: seen("gaze").flat().length },
         blink: of("blink"), coefficients: of("coefficients"), identity: of("identity"),
     };
 }

@@ -21,16 +21,19 @@ const page = `(() => {
         c.width = w; c.height = h;
         return c;
     };
-    const zoomed = (source, x, w, h) => {
-        const zoom = Math.max(1, Math.round(768 / w)), c = canvas(w * zoom, h * zoom);
-        c.getContext("2d").drawImage(source, x, 0, w, h, 0, 0, c.width, c.height);
+    const zoomed = (source, x, w, h, shift = 0) => {
+        const zoom = Math.max(1, Math.round(768 / w)), c = canvas(w * zoom, h * zoom), g = c.getContext("2d");
+        g.fillStyle = "white";
+        g.fillRect(0, 0, c.width, c.height);
+        g.drawImage(source, x, 0, w, h, shift * zoom, shift * zoom, c.width, c.height);
         return c;
     };
-    // The first of photograph, render and render with the gaze at rest, which rye evaluate puts 2 pixels apart.
+    // The first of photograph, render and render with the gaze at rest, which rye evaluate puts 2 pixels apart,
+    // and of the photograph moved by 3 pixels to the right and down.
     window.parts = async (url, count) => {
         const image = await picture(url), w = (image.width - 4) / 3;
         if (w !== Math.floor(w)) throw new Error("no three pictures side by side");
-        return [0, 1, 2].slice(0, count).map((k) => zoomed(image, k * (w + 2), w, image.height));
+        return [0, 1, 2, 0].slice(0, count).map((k, i) => zoomed(image, k * (w + 2), w, image.height, i === 3 ? 3 : 0));
     };
     // A picture of a capture before white.
     window.photograph = async (url, mask, over_black) => {

@@ -78,6 +78,11 @@ assert.ok(moved.gaze[0] > 10 && moved.gaze[0] < 20, `${moved.gaze[0]} degrees of
 near(moved.gaze[1], 0);
 near(moved.gaze_at_rest[0], 0);
 near(moved.gaze_at_rest[1], m.angle(yaw_of(0, 0, right), yaw_of(0, 0.05, right)));
+// The judge's own scatter, where it was asked for.
+assert.ok(!("gaze_moved" in moved));
+const scatter = m.compared([face(), face(), face(), face({ left: [0.1, 0] })]);
+all_near(scatter.gaze_moved, [moved.gaze[0], 0]);
+near(m.averaged([scatter]).gaze.moved, moved.gaze[0] / 2);
 // The head is where the photograph shows it.
 near(m.compared([face(), face({ yaw: 15 }), face()]).gaze[0], 0);
 // Closed on the photograph: no iris. From the side: no gaze. No face: what `missed` says, or nothing.

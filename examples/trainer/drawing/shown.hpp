@@ -4,7 +4,7 @@
 
 #include <array>
 
-#include <rye/splat/camera.hpp>
+#include <rye/geometry/camera.hpp>
 
 #include "model/run.hpp"
 
@@ -12,8 +12,8 @@ namespace rye::trainer {
 
 /// Pictures of an avatar: the feature renders, and the image after super-resolution on white.
 struct AvatarView {
-    Image<float> final, face, eyes;  ///< the last two if streams were asked for
-    Image<float> high;               ///< RGB
+    Image<float> final, face, eyes; ///< the last two if streams were asked for
+    Image<float> high;              ///< RGB
 };
 
 /// Returns the pictures; `camera` is of the full-size image. Here and below the state is a drawn
