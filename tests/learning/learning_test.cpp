@@ -15,6 +15,7 @@
 #include "../support/hostile.hpp"
 #include "evaluation/evaluation.hpp"
 #include "synthetic_capture/scene.hpp"
+#include "training/steps.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

@@ -128,7 +128,8 @@ done
 "$plain" evaluate --run told --split test > log.txt
 
 # By lines of sight, with kappa.
-sed 's/^{"avatar"/{"gaze_axis": "visual", "avatar"/' small.json > sight.json
+sed 's/^{"avatar"/{"gaze_axis": "visual", "avatar"/
+     s/"gaussians": {/"gaussians": {"rates": {"kappa": 0.001}, /' small.json > sight.json
 "$rye" train --capture cap --preset tiny --config sight.json --steps 2 --quiet --out sight > log.txt
 grep -q "avatar.eyes.kappa" sight/checkpoint.safetensors || fail "no kappa in the checkpoint"
 

@@ -72,7 +72,8 @@ grep -q "they differ .*, within the bound" variant.txt || { cat variant.txt; fai
 grep -q "^variant .*still (" variant.txt || { cat variant.txt; fail "--effects=still is not obeyed"; }
 
 # By lines of sight the avatar learns a kappa, which its checkpoint and configuration tell.
-sed 's/^{"avatar"/{"gaze_axis": "visual", "avatar"/' small.json > sight.json
+sed 's/^{"avatar"/{"gaze_axis": "visual", "avatar"/
+     s/"gaussians": {/"gaussians": {"rates": {"kappa": 0.001}, /' small.json > sight.json
 for threads in 1 2; do
     "$rye" train --capture cap --preset tiny --config sight.json --quiet --out sight$threads \
         --threads $threads > log.txt

@@ -22,6 +22,7 @@
 #include "data/validate.hpp"
 #include "evaluation/evaluation.hpp"
 #include "evaluation/head_alignment.hpp"
+#include "evaluation/kappa_errors.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -182,6 +183,15 @@ void print_centres(const CentreErrors& c) {
                 "motion is\nless each eye's mean difference.\n", c.eyes);
 }
 
+void print_kappa(const KappaErrors& k) {
+    if (!k.eyes[0] && !k.eyes[1]) return;
+    std::printf("\nKappa [deg]: yaw and pitch of the run, and of the capture; off by\n");
+    for (std::size_t e = 0; e < 2; ++e)
+        if (const auto& eye = k.eyes[e])
+            std::printf("%-5s %6.2f %6.2f   %6.2f %6.2f   %5.2f\n", e == 0 ? "left" : "right",
+                        eye->run[0], eye->run[1], eye->capture[0], eye->capture[1], eye->off());
+}
+
 /// Returns each camera's gains, which are removed from the photographs; null without gains.
 Json gains_json(const Capture& capture) {
     Json gains;
@@ -258,6 +268,8 @@ void evaluate(const EvaluateOptions& o) {
     for (const auto& [name, r] : groups) results[name] = r.json();
     const CentreErrors centres = centre_errors(state, capture, frames);
     results["eyeball_centres"] = centres.json();
+    const KappaErrors kappa = kappa_errors(state, capture, frames);
+    results["kappa"] = kappa.json();
     const std::string each = per_view.dump(2) + "\n";
     write_atomic(out / "per_view.json", as_bytes(each));
     Json stated = results; // a list has no field for its checksum
@@ -273,6 +285,7 @@ void evaluate(const EvaluateOptions& o) {
     rows.insert(rows.end(), groups.begin(), groups.end());
     print_tables(rows);
     print_centres(centres);
+    print_kappa(kappa);
     std::printf("%s\n%s\n%s\n", (out / "results.json").string().c_str(),
                 (out / "per_view.json").string().c_str(),
                 (pictures.string() + " (photograph, render, render with the gaze at rest)").c_str());

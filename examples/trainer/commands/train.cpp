@@ -156,7 +156,14 @@ class Trainer {
                 for (const std::string& line : lights.lines()) std::cout << line << "\n";
             probe_("lights on corneas");
         }
-        const AvatarSize size = begin_avatar(state_, grid_, lights);
+        FoundKappa kappa;
+        if (state_.config.gaze_axis == GazeAxis::visual && state_.config.measured_eyes) {
+            kappa = find_kappa(capture_, state_.config.gaussians.eyeball.radius);
+            if (!quiet(options_))
+                for (const std::string& line : kappa.lines()) std::cout << line << "\n";
+            probe_("kappa by irises");
+        }
+        const AvatarSize size = begin_avatar(state_, grid_, lights, kappa);
         save();
         probe_("first avatar");
         if (!quiet(options_))

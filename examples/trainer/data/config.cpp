@@ -579,7 +579,7 @@ TrainConfig preset(const std::string& name) {
     g.rates.rotation = 2e-3;
     g.rates.delta_pose = 1e-5;
     g.rates.eye_feature = 1e-2;
-    g.rates.kappa = 1e-3;
+    g.rates.kappa = 0; // stays as the irises told it (corrections/found_kappa.hpp)
     g.rates.shading = 1e-2;
     g.rates.eye_offset = 0;
     g.upsampler.capacity = 8;

@@ -95,8 +95,8 @@ FittedLandmarks fit_landmarks(TrainState& state, const Capture& capture, MeshNet
     return {*rms, fit.regression.noise};
 }
 
-AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid,
-                        const FoundLights& lights) {
+AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid, const FoundLights& lights,
+                        const FoundKappa& kappa) {
     const TrainConfig& config = state.config;
     const AvatarInit<float> init = avatar_init(state, grid);
     const Random random = seed_of(state).fork(4);
@@ -117,6 +117,9 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid,
         state.avatar = {};
     } else {
         set_lights(state.avatar, lights);
+        if (config.gaze_axis == GazeAxis::visual)
+            for (std::size_t e = 0; e < 2; ++e)
+                state.avatar.eyes.kappa.col(static_cast<Index>(e)) = kappa.angles[e].cast<float>();
         state.avatar_adam = Adam<Avatar>(state.avatar);
     }
     state.stage = Stage::avatar;

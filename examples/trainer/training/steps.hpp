@@ -12,6 +12,7 @@
 #include <rye/train/face_smoothness.hpp>
 #include <rye/train/thread_group.hpp>
 
+#include "corrections/found_kappa.hpp"
 #include "corrections/lights.hpp"
 #include "model/run.hpp"
 
@@ -54,10 +55,10 @@ struct AvatarSize {
     Index face, eyes;
 };
 
-/// Turns the guidance mesh into an avatar with these lights, and the state into one of stage 2,
-/// step 0.
+/// Turns the guidance mesh into an avatar with these lights and, if its gazes are visual axes, this
+/// kappa, and the state into one of stage 2, step 0.
 AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid,
-                        const FoundLights& lights = {});
+                        const FoundLights& lights = {}, const FoundKappa& kappa = {});
 
 /// Returns the neighbours of the face's Gaussians at the positions where stage 2 begins: the same
 /// for every state of that stage, as they are of the guidance mesh, which it keeps. Empty, and
