@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kappa of a rendered capture, from the irises in its photographs and the visual axes of its labels,
-// against what its head was made with; and the errors of a run's kappa that rye evaluate reports.
+// Kappa of a rendered capture, from the irises in its photographs and the visual axes of its
+// labels, against what its head was made with; and the errors of a run's kappa that rye evaluate
+// reports.
 #include "corrections/found_kappa.hpp"
 
 #include <doctest/doctest.h>

@@ -11,6 +11,7 @@
 
 #include "corrections/expression_regions.hpp"
 #include "corrections/labels.hpp"
+#include "model/types.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

@@ -18,7 +18,7 @@
 #include "data/picture_codecs.hpp"
 #include "data/run_frames.hpp"
 
-#include "../capture/avatar_version_1.hpp"
+#include "../io/avatar_version_1.hpp"
 #include "../programs/tiny_run.hpp"
 #include "../support/tiny_playable.hpp"
 
