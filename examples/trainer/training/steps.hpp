@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/steps.hpp: the numerical work of the trainer. Its source alone instantiates the
-/// templates of rye for the policies of types.hpp.
+/// training/steps.hpp: the steps of both stages, and what each begins with.
 #pragma once
 
 #include <array>
