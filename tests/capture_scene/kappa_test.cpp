@@ -61,6 +61,7 @@ TEST_CASE("kappa: found by the irises of a rendered head, and nothing without ey
     Capture few = read_capture(right.path);
     few.train.resize(4);
     CHECK(find_kappa(few, radius).angles[0].isZero());
+    CHECK(find_kappa(few, radius).lines()[0].find("kappa, left: not found, as ") == 0);
     for (CaptureFrame& f : few.frames) f.eyes[1].centre.reset();
     CHECK(find_kappa(few, radius).frames == std::array<int, 2>{0, 0});
 }

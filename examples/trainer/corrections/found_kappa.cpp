@@ -53,12 +53,15 @@ FoundKappa find_kappa(const Capture& capture, double radius) {
 std::vector<std::string> FoundKappa::lines() const {
     std::vector<std::string> all;
     for (std::size_t e = 0; e < 2; ++e) {
+        const char* const side = e == 0 ? "left" : "right";
         char text[160];
-        std::snprintf(
-            text, sizeof text,
-            "kappa, %s: %+.1f degrees to the subject's left, %+.1f up, by the irises of %d "
-            "frames",
-            e == 0 ? "left" : "right", degrees * angles[e][1], degrees * angles[e][0], frames[e]);
+        if (static_cast<std::size_t>(frames[e]) < enough_frames)
+            std::snprintf(text, sizeof text, "kappa, %s: not found, as %d frames show the iris",
+                          side, frames[e]);
+        else
+            std::snprintf(text, sizeof text,
+                          "kappa, %s: %+.1f degrees to the subject's left, %+.1f up, by %d irises",
+                          side, degrees * angles[e][1], degrees * angles[e][0], frames[e]);
         all.emplace_back(text);
     }
     return all;

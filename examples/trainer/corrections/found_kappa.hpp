@@ -23,8 +23,8 @@ struct FoundKappa {
 };
 
 /// Returns the medians over the training frames of the seen optical axes minus the labels' visual
-/// ones. `radius`: of eyeballs that were not measured, canonical units. Finds nothing without eye
-/// masks or measured eyeballs.
+/// ones. `radius`: of eyeballs whose size was not measured, canonical units. Finds nothing without
+/// eye masks or measured centres.
 FoundKappa find_kappa(const Capture& capture, double radius);
 
 } // namespace rye::trainer
