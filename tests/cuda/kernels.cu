@@ -16,6 +16,7 @@
 using namespace rye;
 using Rules = FeaturesOnly<Fast>;
 using Tiles = MlpTiles<1, 256, 128>;
+using NarrowTiles = MlpTiles<1, 128, 64>;
 using All = More<PaperEffects, Kappa>;
 using Learned = More<All, GazeBy<LearnedQuaternion>>;
 using Lit = More<All, HeadShading, EyesBy<DrivenFeatures>>;
@@ -39,8 +40,11 @@ const void* const kernels[] = {kernel<ProjectKernel<Rules, NoDistortion>>(),
                                kernel<ShColorVjpKernel<3, HarmonicsByBasis>>(),
                                kernel<MlpForwardKernel<Tiles, LeakyRelu>>(),
                                kernel<MlpReverseKernel<Tiles, LeakyRelu>>(),
-                               kernel<MlpWeightKernel<1>>(),
-                               kernel<MlpMergeKernel>(),
+                               kernel<MlpForwardKernel<NarrowTiles, LeakyRelu>>(),
+                               kernel<MlpReverseKernel<NarrowTiles, LeakyRelu>>(),
+                               kernel<MlpWeightKernel<1, 256>>(),
+                               kernel<MlpWeightKernel<1, 128>>(),
+                               kernel<MlpMergeKernel<256>>(),
                                kernel<MlpFrameKernel>(),
                                kernel<MlpPackKernel>(),
                                kernel<MlpBiasKernel>(),

@@ -18,8 +18,9 @@ using namespace rye::test;
 TEST_CASE("device: networks are the host's") {
     const CudaDevice device;
     const MlpShape colour{{192, 256, 256, 32}, 64}, odd{{21, 40, 33, 5}, 4},
-        deformation{{91, 128, 128, 3}, 64};
+        deformation{{91, 128, 128, 3}, 64}, narrow{{128, 128, 128, 16}, 64};
     mlp_against_host<MlpTiles<1, 256, 128>>(device, queue(), {colour, 5000, 1e-2, 0.1});
+    mlp_against_host<MlpTiles<1, 128, 64>>(device, queue(), {narrow, 5000, 1e-2, 0.1});
     mlp_against_host<MlpTiles<2, 256, 128>>(device, queue(), {colour, 5000, 2e-5, 2e-4, 4e-5});
     mlp_against_host<MlpTiles<2, 256, 128>>(device, queue(), {deformation, 2001, 5e-5, 2e-4, 4e-5});
     mlp_against_host<MlpTiles<3, 256, 128>>(device, queue(), {colour, 5000, 2e-6, 1e-5, 1e-5});

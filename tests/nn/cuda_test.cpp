@@ -23,6 +23,8 @@ TEST_CASE("cuda, emulated: networks of several tiles of weights, and more points
     const EmulatedDevice device{PhaseOrder::shuffled};
     mlp_against_host<MlpTiles<1, 256, 128>>(device, host_queue,
                                             {{{136, 256, 150, 28}, 8}, 300, 1e-2, 0.1});
+    mlp_against_host<MlpTiles<1, 128, 64>>(device, host_queue,
+                                           {{{72, 128, 120, 16}, 8}, 300, 1e-2, 0.1});
     mlp_against_host<MlpTiles<3, 160, 64>>(device, host_queue,
                                            {{{40, 150, 136, 36}, 8}, 300, 2e-6, 1e-5, 1e-5});
 }

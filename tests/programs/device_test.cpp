@@ -181,6 +181,10 @@ TEST_CASE("device: parts without kernels are named") {
         INFO(name);
         CHECK(without_kernels(preset(name)) == "");
     }
+    for (const std::string name : {"tiny", "cpu", "gpu"})
+        CHECK(beyond(preset(name), narrow_tiles) == "");
+    CHECK(beyond(preset("paper"), narrow_tiles) ==
+          "avatar.feature is 128, kernels have room for 64");
     const auto refused = [](const nlohmann::ordered_json& json, const std::string& words) {
         TrainConfig c = preset("tiny");
         from_json(json, "x.json", c);

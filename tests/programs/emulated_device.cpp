@@ -15,7 +15,7 @@ namespace {
 struct HostMachine {
     using Device = EmulatedDevice;
     /// For the small avatars of tests, with room for networks of the eyes' parts.
-    template <int N>
+    template <int N, bool = false>
     using Policy =
         DeviceTrainerPolicy<DeviceNetworks<N, 128, 64, 32>, KernelChannels<3, 8>, Balanced, N>;
     HostMemory memory, page_locked;

@@ -21,11 +21,17 @@ inline DeviceWish device_wish(const std::string& word) {
                            : DeviceWish::cuda;
 }
 
-/// Returns the field of a configuration that has no kernels, as "avatar.feature is 129", with the
-/// expected range; empty if a device can train and draw it.
-inline std::string without_kernels(const TrainConfig& c) {
-    // Tiles of rye::DeviceNetworks.
-    constexpr int widest = 256, features = 128, codes = 64, layers = 8;
+/// Parameters of rye::DeviceNetworks.
+struct KernelTiles {
+    int widest, features, codes;
+};
+inline constexpr KernelTiles wide_tiles{256, 128, 64}, narrow_tiles{128, 64, 32};
+
+/// Returns the field of a configuration that tiles have no room for, as "avatar.feature is 129",
+/// with the expected range; empty if all fit.
+inline std::string beyond(const TrainConfig& c, const KernelTiles& tiles) {
+    const auto [widest, features, codes] = tiles;
+    constexpr int layers = 8;
     const AvatarConfig& a = c.avatar;
     const auto over = [](const std::string& field, int got, int most) {
         return got <= most ? ""
@@ -55,6 +61,10 @@ inline std::string without_kernels(const TrainConfig& c) {
     network("eye_offset", n.eye_offset, std::numeric_limits<int>::max());
     return words;
 }
+
+/// Returns the field of a configuration that has no kernels; empty if a device can train and draw
+/// it.
+inline std::string without_kernels(const TrainConfig& c) { return beyond(c, wide_tiles); }
 
 /// Decision to train stage 2 or to draw on a device or the CPU.
 struct DeviceDecision {

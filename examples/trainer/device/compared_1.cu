@@ -5,7 +5,7 @@
 namespace rye::trainer {
 
 template <>
-std::unique_ptr<DeviceEngine<ComparedEffects>> device_engine_of<ComparedEffects, 1>(
+std::unique_ptr<DeviceEngine<ComparedEffects>> device_engine_of<ComparedEffects, 1, false>(
     const TwoStream<float, ComparedEffects>& avatar,
     const Adam<TwoStream<float, ComparedEffects>>& adam, const DeviceTask& task) {
     return std::make_unique<DeviceEngineOf<ComparedEffects, 1, CudaMachine>>(avatar, adam, task);

@@ -50,8 +50,11 @@ std::unique_ptr<DeviceEngine<E>> of_planes(const TwoStream<float, E>& avatar,
                                            const DeviceTask& task) {
     require(task.planes == 1 || task.planes == 3, "device_engine",
             "got " + std::to_string(task.planes) + " planes, expected 1 or 3");
-    if (task.planes == 1) return device_engine_of<E, 1>(avatar, adam, task);
-    return device_engine_of<E, 3>(avatar, adam, task);
+    if constexpr (std::is_same_v<E, TrainEffects>)
+        if (task.planes == 1 && task.narrow)
+            return device_engine_of<E, 1, true>(avatar, adam, task);
+    if (task.planes == 1) return device_engine_of<E, 1, false>(avatar, adam, task);
+    return device_engine_of<E, 3, false>(avatar, adam, task);
 }
 
 } // namespace

@@ -46,6 +46,7 @@ struct DeviceTask {
     AvatarTraining<Balanced, PyramidGradientLoss> training; ///< its perceptual loss is ignored
     std::optional<LpipsWeights<float>> lpips;               ///< empty: the loss without weights
     int planes = 1; ///< bf16 planes per float in the networks' products
+    bool narrow = false; ///< true if the networks fit narrow_tiles (device/choice.hpp)
     StepShare share = {};         ///< pictures of a step that this rank takes
     Ranks* ranks = nullptr;       ///< null: one rank; must outlive the work
     RankSum by = RankSum::tree;   ///< how ranks add up
@@ -78,8 +79,8 @@ std::unique_ptr<DeviceEngine<E>> device_engine(const TwoStream<float, E>& avatar
                                                const Adam<TwoStream<float, E>>& adam,
                                                const DeviceTask& task);
 
-/// Returns the same for N planes, 1 or 3.
-template <EffectSet E, int N, int alignment = EIGEN_MAX_ALIGN_BYTES>
+/// Returns the same for N planes, 1 or 3; with narrow tiles for one plane and TrainEffects alone.
+template <EffectSet E, int N, bool narrow, int alignment = EIGEN_MAX_ALIGN_BYTES>
 std::unique_ptr<DeviceEngine<E>> device_engine_of(const TwoStream<float, E>& avatar,
                                                   const Adam<TwoStream<float, E>>& adam,
                                                   const DeviceTask& task);

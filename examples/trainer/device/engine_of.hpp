@@ -40,11 +40,11 @@ class ChosenDevicePerceptual {
 };
 
 /// DeviceEngine on a Machine: a Device, its stream() and its memory, which outlive the work, and
-/// its Policy<N> of N planes.
-template <EffectSet E, int N, class Machine>
+/// its Policy<N, narrow> of N planes.
+template <EffectSet E, int N, class Machine, bool narrow = false>
 class DeviceEngineOf final : public DeviceEngine<E> {
     using Device = typename Machine::Device;
-    using Policy = typename Machine::template Policy<N>;
+    using Policy = typename Machine::template Policy<N, narrow>;
 
   public:
     DeviceEngineOf(const TwoStream<float, E>& avatar, const Adam<TwoStream<float, E>>& adam,

@@ -273,8 +273,8 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
             outputs[k] = std::max(outputs[k], number * shape.outputs() * n.points);
     }
     // Two networks at a time hold sums of their weights' gradients, and one more for eyes'
-    // features.
-    constexpr double of_sums = number * MlpWeightCut::aim * MlpWeightCut::of_block;
+    // features; narrow tiles as many numbers.
+    constexpr double of_sums = number * MlpWeightCut<256>::aim * MlpWeightCut<256>::of_block;
     for (int k = 0; k < 3; ++k) kept += cotangents[k] + outputs[k];
     kept += 2 * of_sums;
     using Mechanism = GazeMechanismName;

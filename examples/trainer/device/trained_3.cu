@@ -5,7 +5,7 @@
 namespace rye::trainer {
 
 template <>
-std::unique_ptr<DeviceEngine<TrainEffects>> device_engine_of<TrainEffects, 3>(
+std::unique_ptr<DeviceEngine<TrainEffects>> device_engine_of<TrainEffects, 3, false>(
     const TwoStream<float, TrainEffects>& avatar, const Adam<TwoStream<float, TrainEffects>>& adam,
     const DeviceTask& task) {
     return std::make_unique<DeviceEngineOf<TrainEffects, 3, CudaMachine>>(avatar, adam, task);

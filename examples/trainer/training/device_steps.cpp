@@ -9,6 +9,7 @@
 #include <rye/train/density.hpp>
 
 #include "data/threads.hpp"
+#include "device/choice.hpp"
 #include "training/avatar_training.hpp"
 
 namespace rye::trainer {
@@ -122,6 +123,7 @@ std::unique_ptr<DeviceSteps> device_steps(const TrainState& state, const Capture
     task.picture_bytes = settings.picture_bytes;
     task.training = avatar_training<PyramidGradientLoss>(state);
     task.planes = state.config.gaussians.planes;
+    task.narrow = beyond(state.config, narrow_tiles).empty();
     if (!perceptual_weights.empty()) task.lpips = read_lpips_weights<float>(perceptual_weights);
     if (state.compared)
         return std::make_unique<DeviceStepsOf<ComparedEffects>>(state, capture, task);

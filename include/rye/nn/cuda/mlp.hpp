@@ -196,9 +196,9 @@ class DeviceMlp {
         place_cotangents(queue);
         device_.launch(queue, blocks(),
                        MlpReverseKernel<Tiles, A>{network_, g_out, g.points, g.add});
-        MlpWeightKernel<Tiles::N> weights{cut(), kept_.data(), scratch_->partial.data()};
+        MlpWeightKernel<Tiles::N, Cut::wide> weights{cut(), kept_.data(), scratch_->partial.data()};
         device_.launch(queue, weights.cut.all, weights);
-        MlpMergeKernel merge{weights.cut, weights.partial, {}};
+        MlpMergeKernel<Cut::wide> merge{weights.cut, weights.partial, {}};
         MlpFrameKernel frame{{}, 0, shape_.frame_inputs, frame_, g.add, g.frame};
         float* sum = numbers_.data();
         for (int l = 0; l < network_.layers; ++l) sum += padded_16(network_.layer[l].out);
@@ -224,6 +224,8 @@ class DeviceMlp {
     }
 
   private:
+    using Cut = MlpWeightCut<Tiles::width <= 128 ? 128 : 256>;
+
     Index blocks() const { return (Index(network_.points) + Tiles::points - 1) / Tiles::points; }
     /// Numbers of a layer's outputs for all points, in planes.
     std::size_t halves(int width) const {
@@ -251,11 +253,11 @@ class DeviceMlp {
             at += halves(network_.layer[l].out);
         }
         scratch_->partial.reserve(queue, static_cast<std::size_t>(cut().all) *
-                                             static_cast<std::size_t>(MlpWeightCut::of_block));
+                                             static_cast<std::size_t>(Cut::of_block));
     }
     /// Returns the slices of the gradients of the weights.
-    MlpWeightCut cut() const {
-        MlpWeightCut c{};
+    Cut cut() const {
+        Cut c{};
         c.layers = network_.layers;
         c.points = network_.points;
         c.of = network_.of;

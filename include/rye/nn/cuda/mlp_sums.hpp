@@ -4,6 +4,8 @@
 /// ahead of the products; the first two steps of a product come while the one before is finished.
 #pragma once
 
+#include <type_traits>
+
 #include <rye/nn/cuda/mlp_operands.hpp>
 
 namespace rye {
@@ -14,9 +16,10 @@ template <int points_, int down_, int blocks_>
 struct MlpCut {
     static constexpr int points = points_, down = down_, blocks = blocks_;
 };
-/// ... of floats as N planes: the fastest of those measured.
-template <int N>
-using MlpCutOf = MlpCut<N == 1 ? 64 : 32, N == 2 ? 1 : 2, N == 3 ? 1 : 2>;
+/// ... of floats as N planes and widths of at most `width`: the fastest of those measured.
+template <int N, int width = 256>
+using MlpCutOf = std::conditional_t<N == 1 && width <= 128, MlpCut<64, 1, 4>,
+                                    MlpCut<N == 1 ? 64 : 32, N == 2 ? 1 : 2, N == 3 ? 1 : 2>>;
 
 /// A warp's part of a product: `high` operands of 16 points by `wide` ones of 8 columns, by warps
 /// in rows of `across`.
@@ -30,7 +33,7 @@ struct MlpPart {
 
 /// Sizes of a block's work: widths at most `width`, inputs of points at most `inputs`, both
 /// multiples of 32; floats as N planes.
-template <int N_, int width_, int inputs_, class Cut = MlpCutOf<N_>>
+template <int N_, int width_, int inputs_, class Cut = MlpCutOf<N_, width_>>
 struct MlpTiles {
     static constexpr int N = N_, width = width_, inputs = inputs_;
     static_assert(N >= 1 && N <= 3 && width % 32 == 0 && inputs % 32 == 0);

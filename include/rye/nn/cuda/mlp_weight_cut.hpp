@@ -23,13 +23,16 @@ struct MlpWeightLayer {
     int slices, first;              ///< slices of the points; first block
 };
 
-/// Slices of the gradients of a network's weights. They follow from shapes alone, so that sums keep
-/// their order.
+/// Slices of the gradients of the weights of a network whose layers have at most `wide_` outputs.
+/// They follow from shapes alone, so that sums keep their order.
+template <int wide_>
 struct MlpWeightCut {
-    static constexpr int high = 128, wide = 256; ///< inputs and outputs of a block, at most
-    static constexpr int aim = 132; ///< blocks: one for each unit of the largest devices
+    static_assert(wide_ == 128 || wide_ == 256);
+    static constexpr int high = 128, wide = wide_; ///< inputs and outputs of a block, at most
+    static constexpr int together = 256 / wide;    ///< blocks of a unit
+    static constexpr int aim = 132 * together;     ///< blocks: for each unit of the largest devices
     static constexpr std::uint32_t least = 256;          ///< points of a slice
-    static constexpr int warps = 8, of_lane = 128;       ///< sums
+    static constexpr int warps = 8, of_lane = wide / 2;  ///< sums
     static constexpr int numbers = warps * of_lane * 32; ///< a block, less sums of cotangents
     static constexpr int of_block = numbers + wide;
     MlpWeightLayer layer[DeviceMlpNetwork::most_layers];

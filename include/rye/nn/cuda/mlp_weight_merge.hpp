@@ -16,11 +16,12 @@ struct MlpWeightTarget {
 };
 
 /// Adds the slices, in their order, to the gradients of all layers' weights and biases.
+template <int wide>
 struct MlpMergeKernel {
     static constexpr const char* name = "merge of weights";
     static constexpr int threads = 128, blocks = 8;
     static constexpr int at_once = 8; ///< slices that are read together
-    using Cut = MlpWeightCut;
+    using Cut = MlpWeightCut<wide>;
     static_assert(Cut::of_block % threads == 0);
     struct Shared {};
     Cut cut;
@@ -72,8 +73,9 @@ struct MlpMergeKernel {
     /// The weight whose sum is that number of a tile's block, or null.
     RYE_DEVICE static float* weight(const MlpWeightLayer& layer, const MlpWeightTarget& to,
                                     int tile, int number) {
-        const int lane = number % 32, k = number / 32 % 4, n = number / 128 % 8,
-                  m = number / 1024 % 4, w = number / 4096;
+        constexpr int tiles = wide / 32; // a warp's, along its outputs
+        const int lane = number % 32, k = number / 32 % 4, n = number / 128 % tiles,
+                  m = number / (128 * tiles) % 4, w = number / (512 * tiles);
         const int own = 2 * Cut::own(layer);
         const int row = tile * Cut::high + w / 4 * 64 + 16 * m + k / 2 * 8 + lane / 4;
         const int o = 8 * (w % 4 * own + n) + lane % 4 * 2 + k % 2;

@@ -9,13 +9,14 @@
 
 namespace rye {
 
-/// Partial sums of a slice. Eight warps have half of a block's inputs by a quarter of its outputs
-/// each; the next points are copied to shared memory meanwhile.
-template <int N, int depth_ = N == 1 ? 32 : 16, int stages_ = N == 3 ? 2 : 3>
+/// Partial sums of a slice, for layers of at most `wide_` outputs. Eight warps have half of a
+/// block's inputs by a quarter of its outputs each; the next points are copied to shared memory
+/// meanwhile.
+template <int N, int wide_, int depth_ = N == 1 ? 32 : 16, int stages_ = N == 3 ? 2 : 3>
 struct MlpWeightKernel {
     static constexpr const char* name = "network's weights";
-    static constexpr int threads = 256, blocks = 1;
-    using Cut = MlpWeightCut;
+    using Cut = MlpWeightCut<wide_>;
+    static constexpr int threads = 256, blocks = Cut::together;
     static constexpr int depth = depth_; ///< points at a time
     static constexpr int stages = stages_;
     static constexpr int tall = Cut::high / 32, wide = Cut::wide / 32; ///< operands of a warp
@@ -185,16 +186,18 @@ struct MlpWeightKernel {
         std::uint32_t first, end; ///< points
     };
     /// A warp's copies of a tile's inputs and of the cotangents: two rows of inputs at a time, and
-    /// one of cotangents.
+    /// one or two of cotangents.
     template <class W>
     struct Copies {
         using U = typename W::U;
         using M = typename W::M;
         static constexpr int in_quads = Cut::high / 8, out_quads = Cut::wide / 8;
-        static_assert(in_quads == 16 && out_quads == 32 && depth % 16 == 0);
+        static constexpr int out_rows = 32 / out_quads;
+        static_assert(in_quads == 16 && depth % 16 == 0);
         const Quad4* cotangent;
         U in, in_apart, in_point; ///< quads of the next points' inputs, from point to point
-        std::uint32_t out, out_apart, out_point;
+        U out, out_point;
+        std::uint32_t out_apart;
         U in_to, out_to; ///< quads of the first stage
         M in_own, out_own;
         std::uint32_t plane_apart; ///< points
@@ -217,10 +220,12 @@ struct MlpWeightKernel {
             in_own = quad < number(hiddens + inputs);
             cotangent = reinterpret_cast<const Quad4*>(layer.cotangent);
             out_apart = static_cast<std::uint32_t>(padded_16(layer.out) / 8);
-            out_point = of.first + static_cast<std::uint32_t>(w);
-            out = out_point * out_apart;
-            out_own = lane < U(out_apart);
-            out_to = lane + number(w * (Cotangent::stride / 8));
+            const U out_quad = lane % number(out_quads);
+            const U out_row = number(out_rows * w) + lane / number(out_quads);
+            out_point = U(of.first) + out_row;
+            out = out_quad + out_point * U(out_apart);
+            out_own = out_quad < U(out_apart);
+            out_to = out_row * number(Cotangent::stride / 8) + out_quad;
             plane_apart = kernel.cut.points;
         }
         /// Starts to copy the next points to the stage `slot` behind the first; zeros from `end` on
@@ -240,18 +245,19 @@ struct MlpWeightKernel {
             });
             auto* const to_out = reinterpret_cast<Quad4*>(&stage.cotangent.at[0][0][0]);
             const U out_at = out_to + moved;
-            expanded<N * depth / 8>([&](auto j) {
-                constexpr std::uint32_t plane = 8 * decltype(j)::value / depth,
-                                        first = 8 * decltype(j)::value % depth;
-                W::copy4_or_zero(out_own && U(out_point + first) < U(end), to_out,
+            constexpr int rows = 8 * out_rows; // of all warps
+            expanded<N * depth / rows>([&](auto j) {
+                constexpr std::uint32_t plane = rows * decltype(j)::value / depth,
+                                        first = rows * decltype(j)::value % depth;
+                W::copy4_or_zero(out_own && out_point + U(first) < U(end), to_out,
                                  out_at + U((plane * depth + first) * (Cotangent::stride / 8)),
                                  cotangent,
-                                 W::lane() + U(out + (plane * plane_apart + first) * out_apart));
+                                 out + U((plane * plane_apart + first) * out_apart));
             });
             in_point = in_point + U(std::uint32_t(depth));
             in = in + in_apart * U(std::uint32_t(depth));
-            out_point += depth;
-            out += depth * out_apart;
+            out_point = out_point + U(std::uint32_t(depth));
+            out = out + U(depth * out_apart);
         }
     };
 };

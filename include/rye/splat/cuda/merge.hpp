@@ -15,8 +15,10 @@ struct MergeKernel {
     static constexpr const char* name = "merge of gradients";
     static constexpr int threads = 128, blocks = 7;
     static constexpr int quads = Layout::stride / 4;
-    /// Number of places that are tested together, four a thread.
-    static constexpr std::uint32_t chunk = 4 * threads;
+    /// Number of places that a thread tests together: the blocks of a head have 4.1 places a
+    /// Gaussian. Slots of many channels leave shared memory for 4.
+    static constexpr int of_thread = Layout::products ? 4 : 5;
+    static constexpr std::uint32_t chunk = of_thread * threads;
     /// Shared memory of a block.
     struct Shared {
         alignas(16) float sum[threads][Layout::stride];
@@ -69,18 +71,18 @@ struct MergeKernel {
     RYE_DEVICE void find(Block& block, Shared& shared, std::size_t from,
                          std::uint32_t count) const {
         const auto* const touched = reinterpret_cast<const std::uint32_t*>(memory.touched) + from;
-        auto flags = block.template of_threads<Array<std::uint32_t, 4>>();
+        auto flags = block.template of_threads<Array<std::uint32_t, std::size_t(of_thread)>>();
         auto slots =
-            block.template of_threads<Array<std::uint32_t, 4 * std::size_t(tile_strips)>>();
+            block.template of_threads<Array<std::uint32_t, std::size_t(of_thread * tile_strips)>>();
         block.each_thread([&](int t) {
             std::uint32_t n = 0;
-            repeated<4>([&](auto e) {
-                const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
+            repeated<of_thread>([&](auto e) {
+                const std::uint32_t place = of_thread * static_cast<std::uint32_t>(t) + e;
                 flags[t][e] = place < count ? touched[place] : 0U;
             });
             // All under way together, and while the block counts.
-            repeated<4>([&](auto e) {
-                const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
+            repeated<of_thread>([&](auto e) {
+                const std::uint32_t place = of_thread * static_cast<std::uint32_t>(t) + e;
                 repeated<tile_strips>([&](auto s) {
                     slots[t][tile_strips * e + s] =
                         (flags[t][e] >> (8 * s) & 1U) != 0
@@ -88,15 +90,15 @@ struct MergeKernel {
                             : 0U;
                 });
             });
-            repeated<4>(
+            repeated<of_thread>(
                 [&](auto e) { n += static_cast<std::uint32_t>(Block::bits_set(flags[t][e])); });
             shared.found[t] = n;
         });
         const std::uint32_t total = block.exclusive_sums(shared.found);
         block.each_thread([&](int t) {
             std::uint32_t at = shared.found[t];
-            repeated<4>([&](auto e) {
-                const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
+            repeated<of_thread>([&](auto e) {
+                const std::uint32_t place = of_thread * static_cast<std::uint32_t>(t) + e;
                 shared.before[place] = at;
                 repeated<tile_strips>([&](auto s) {
                     if ((flags[t][e] >> (8 * s) & 1U) != 0)
