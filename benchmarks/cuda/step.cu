@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // step [--kernels] [--json FILE]: a training step of stage 2 on this device, part by part, with the
-// sizes of the presets cpu, gpu and paper-literal and nothing trained. Each part is a CUDA graph of its
+// sizes of the presets cpu, gpu (when it begins, and when it has densified) and paper-literal, by the
+// tiles that rye takes for their networks, and nothing trained. Each part is a CUDA graph of its
 // own, launched in turn with an event between; below, the whole as one graph. Milliseconds are
 // medians of 50; launches are nodes of the graph; products are those of networks and convolutions,
 // beside what this device was measured to do (limits), as the optimiser's bytes are. --kernels: a
@@ -220,6 +221,12 @@ StepSizes gpu() {
     s.subject.points = 83000, s.subject.of_an_eye = 4000;
     return s;
 }
+StepSizes densified() {
+    StepSizes s = gpu();
+    s.name = "gpu, densified";
+    s.subject.points = 266000, s.subject.of_an_eye = 4500;
+    return s;
+}
 StepSizes paper() {
     StepSizes s{"paper-literal", {}, 512, true, {}, {}};
     s.subject.config.expression = 64;
@@ -330,9 +337,9 @@ void print_kernels() {
     std::printf("    %-40s %5s   %8.4f ms\n", "all, one after the other", "", all);
 }
 
-template <EffectSet E>
+template <EffectSet E, class Networks>
 void table(const CudaQueue& queue, const StepSizes& s, const Rates& rates, bool kernels) {
-    using Policy = DeviceTrainerPolicy<DeviceNetworks<1>, KernelChannels<3, 16, 32>>;
+    using Policy = DeviceTrainerPolicy<Networks, KernelChannels<3, 16, 32>>;
     const bench::DeviceSubject<E> subject(s.subject);
     const Adam<TwoStream<float, E>> adam(subject.avatar);
     AvatarTraining<> training{subject.config, subject.roles, {}, {}, s.bounds};
@@ -434,9 +441,11 @@ int main(int argc, char** argv) {
         StreamMemory arena;
         const CudaQueue queue{stream, arena};
         using Lit = More<PaperEffects, HeadShading, EyesBy<DrivenFeatures>>;
-        table<Lit>(queue, cpu(), rates, kernels);
-        table<Lit>(queue, gpu(), rates, kernels);
-        table<PaperEffects>(queue, paper(), rates, kernels);
+        using Narrow = DeviceNetworks<1, 128, 64, 32>;
+        table<Lit, Narrow>(queue, cpu(), rates, kernels);
+        table<Lit, Narrow>(queue, gpu(), rates, kernels);
+        table<Lit, Narrow>(queue, densified(), rates, kernels);
+        table<PaperEffects, DeviceNetworks<1>>(queue, paper(), rates, kernels);
     } catch (const std::exception& e) {
         std::printf("failed: %s\n", e.what());
         return 1;
