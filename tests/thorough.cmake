@@ -53,12 +53,6 @@ if(TARGET test_evaluate)
   target_precompile_headers(wrong_labels REUSE_FROM rye_precompiled)
 endif()
 
-# The emulation of a device reads words where the host wrote halves; other tests of it are of -O1.
-if(NOT MSVC)
-  set_source_files_properties(programs/device_mesh_test.cpp PROPERTIES SKIP_PRECOMPILE_HEADERS ON
-                              COMPILE_OPTIONS "-fno-strict-aliasing")
-endif()
-
 add_subdirectory(widths)
 
 # ---- more checks that call the compiler themselves ---------------------------------------------
@@ -107,7 +101,7 @@ if(TARGET rye_program)
   # The program with an emulated device in the place of none: kernels of stage 2 run on the host.
   add_executable(rye_emulated ${PROJECT_SOURCE_DIR}/examples/trainer/main.cpp
                               programs/emulated_device.cpp programs/emulated_mesh.cpp)
-  target_compile_options(rye_emulated PRIVATE -O1)
+  target_compile_options(rye_emulated PRIVATE -O3 -fno-strict-aliasing)
   target_link_libraries(rye_emulated PRIVATE rye_trainer)
   rye_check(train_on_device programs/device.sh $<TARGET_FILE:rye_program>
             $<TARGET_FILE:rye_emulated> ${CMAKE_CURRENT_BINARY_DIR}/train_on_device)

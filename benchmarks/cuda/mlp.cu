@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // mlp [--json FILE]: a network over points on this device: the colour network of the method,
 // 192 (64 of them of the frame) -> 256 -> 256 with the input again -> 32, and its deformation
-// network, over 100,000, 50,000 and 10,000 points, by 1, 2 and 3 planes; and those of the preset gpu
-// over 266,000, by tiles of 256 and of 128 columns: milliseconds of a CUDA graph, median of 100 [least-most], and TFLOP/s of the network's own products, which more planes
-// take several times.
+// network, over 100,000, 50,000 and 10,000 points, by 1, 2 and 3 planes; and those of the preset
+// gpu over 266,000, by tiles of 256 and of 128 columns: milliseconds of a CUDA graph, median of 100
+// [least-most], and TFLOP/s of the network's own products, which more planes take several times.
 #include <rye/backend/cuda/device.hpp>
 
 #include <algorithm>
@@ -86,7 +86,8 @@ int main(int argc, char** argv) {
         rows<1>(queue);
         rows<2>(queue);
         rows<3>(queue);
-        const MlpShape colour{{128, 128, 128, 16}, 64}, deformation{{91, 128, 128, 128, 128, 3}, 64};
+        const MlpShape colour{{128, 128, 128, 16}, 64},
+            deformation{{91, 128, 128, 128, 128, 3}, 64};
         row<MlpTiles<1, 256, 128>>("gpu, colour", queue, colour, 266000);
         row<MlpTiles<1, 128, 64>>("... narrow", queue, colour, 266000);
         row<MlpTiles<1, 256, 64>>("gpu, deform.", queue, deformation, 266000);

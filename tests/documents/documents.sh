@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # documents.sh SOURCE_DIR: what README.md, CHANGELOG.md and the pages of docs/ link to, or name as a
-# header or as a file of a folder of the project, exists. A page of docs/ has at most 150 lines; one of
+# header or as a file of a folder of the project, exists; so do the files where CONTRIBUTING.md says
+# that something is changed. A page of docs/ has at most 150 lines; one of
 # docs/results/ says commit and machine. Prints how many words README.md and the pages of docs/ have.
 set -eu
 cd "$1"
@@ -25,6 +26,14 @@ for page in *.md docs/*.md docs/results/*.md; do
                   tr -d '`' | sort -u); do
         [ -e "$file" ] || { echo "$page: no such file: $file"; bad=1; }
     done
+done
+# `folder/name.hpp` below include/rye, examples/trainer, examples/gaze_page or the root
+# shellcheck disable=SC2013,SC2016
+for file in $(sed -n '/^## Where to change/,/^## Style/p' CONTRIBUTING.md |
+              grep -oE '`[a-z_]+/[a-z_/]+\.(hpp|cpp|js|md|sh)' | tr -d '`' | sort -u); do
+    [ -e "include/rye/$file" ] || [ -e "examples/trainer/$file" ] ||
+        [ -e "examples/gaze_page/$file" ] || [ -e "$file" ] ||
+        { echo "CONTRIBUTING.md: no such file: $file"; bad=1; }
 done
 for page in docs/*.md; do
     [ "$(wc -l < "$page")" -le 150 ] || { echo "$page: over 150 lines"; bad=1; }
