@@ -101,7 +101,8 @@ if(TARGET rye_program)
   # The program with an emulated device in the place of none: kernels of stage 2 run on the host.
   add_executable(rye_emulated ${PROJECT_SOURCE_DIR}/examples/trainer/main.cpp
                               programs/emulated_device.cpp programs/emulated_mesh.cpp)
-  target_compile_options(rye_emulated PRIVATE -O3 -fno-strict-aliasing)
+  target_compile_options(rye_emulated PRIVATE -O3 -fno-strict-aliasing
+                                               -ffp-contract=off)
   target_link_libraries(rye_emulated PRIVATE rye_trainer)
   rye_check(train_on_device programs/device.sh $<TARGET_FILE:rye_program>
             $<TARGET_FILE:rye_emulated> ${CMAKE_CURRENT_BINARY_DIR}/train_on_device)
