@@ -55,7 +55,7 @@ PARTS = {
     "L7g": {"gaussians": {"rates": {"eye_offset": 0}}},
     "L8a": {"gaussians": {"weights": {"blank_eyeballs": True}}},
     "L8": {"gaussians": {"weights": {"blank_eyeballs": True, "face_alone": 1}}},
-    "L9": {"gaussians": {"spacing": 0.0045, "spacing_slope": 0.02, "mouth_points": 2000}},
+    "L9": {"gaussians": {"spacing": 0.01, "spacing_slope": 0.02, "mouth_points": 2000}},
     "L10": {"gaussians": {"weights": {"dssim": 0.5}}},
     "L11a": {"avatar": {"shading": "head_pose"}},
     "L11b": {"gaussians": {"augment": False}},
@@ -85,7 +85,7 @@ SETS = {
     "factorial": ["L0"] + ["+".join(f for i, f in enumerate(FACTORS) if bits >> i & 1)
                            for bits in range(1, 1 << len(FACTORS))],
     "cumulative": ["L0"] + ["to-" + rung for rung in LADDER],
-    "removed": ["gpu"] + ["gpu-" + rung for rung in LADDER if rung != "L4"] + ["gpu+L4"],
+    "removed": ["gpu"] + ["gpu-" + rung for rung in LADDER],
     "fine": ["L0"] + [rung for rung in PARTS if rung not in LADDER + ["L0"]],
 }
 

@@ -9,14 +9,14 @@
 #              L0            paper-literal
 #              L1b ... L11   paper-literal with these fields of gpu (ladder.py has them): L1b rates,
 #                            L2 no doublings, L3 no InstanceNorm and the skip, L4 the Laplacian in
-#                            metres (gpu has not), L5 stage 1, L6 codes, L7 eyes, L8 blank, L9
+#                            metres, L5 stage 1, L6 codes, L7 eyes, L8 blank, L9
 #                            spacing, L10 D-SSIM, L11 all else
 #              L1a64, ...    parts of these, and others: L1a288, L1pictures, L2a, L2auto, L3a, L3c,
 #                            L5a to L5d, L7a to L7g, L8a, L11a to L11f
 #              L1b+L2        both
 #              to-L5         all to this one
 #              gpu, gpu-L5   gpu, and gpu with the fields of a rung as paper-literal has them
-#              gpu+L4        gpu with the fields of a rung that gpu has not
+#              gpu+L7b       gpu with the fields of a rung that gpu has not
 #              paper         paper-literal with the readings of paper
 #              alone, factorial, cumulative, removed, fine   sets of these
 #   SPLITS   frames to measure (default: "test train")

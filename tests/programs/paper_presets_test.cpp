@@ -52,11 +52,11 @@ TEST_CASE("paper: it differs from paper-literal in these fields alone") {
     CHECK(to_json(preset("paper"))["gaussians"]["upsampler"]["doublings"] == "auto");
 }
 
-TEST_CASE("paper: the short presets have the readings of paper-literal") {
+TEST_CASE("paper: the short presets have the readings of paper-literal, but for the Laplacian's unit") {
     for (const char* name : {"tiny", "cpu", "gpu"}) {
         CAPTURE(name);
         const TrainConfig c = preset(name);
-        CHECK(c.mesh.weights.laplacian_unit == LaplacianUnit::world);
+        CHECK(c.mesh.weights.laplacian_unit == LaplacianUnit::metre);
         CHECK(c.gaussians.epochs_over == EpochsOver::frames);
         CHECK_FALSE(c.gaussians.eyeball.bulge);
         CHECK_FALSE(c.gaussians.auto_doublings);

@@ -449,7 +449,7 @@ void take_device_sizes(TrainConfig& c) {
     c.mesh.image_size = 256;
     AvatarTrainConfig& g = c.gaussians;
     g.steps = 20000;
-    g.spacing = 0.0045;
+    g.spacing = 0.01;
     g.spacing_slope = 0.02;
     g.weights.dssim = 0.5;
     g.checkpoint_every = 2000;
@@ -546,6 +546,7 @@ TrainConfig preset(const std::string& name) {
     c.mesh.views = 2;
     c.mesh.image_size = tiny ? 96 : 128;
     c.mesh.rate_decay = 0.1;
+    c.mesh.weights.laplacian_unit = LaplacianUnit::metre;
     c.mesh.landmarks_follow_gaze = true;
     c.mesh.fit_steps = 1500;
     AvatarTrainConfig& g = c.gaussians;
