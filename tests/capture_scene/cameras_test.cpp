@@ -27,10 +27,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-const RightCapture& right() {
-    static const RightCapture made(12);
-    return made;
-}
+const RightCapture& right() { return right_capture(); }
 
 /// A copy with cameras that are half a degree an axis and 1 % of focal length off.
 struct Flawed {

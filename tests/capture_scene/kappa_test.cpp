@@ -26,7 +26,7 @@ double off(const FoundKappa& found, std::size_t eye, const Vec2<double>& kappa) 
 } // namespace
 
 TEST_CASE("kappa: found by the irises of a rendered head, and nothing without eye masks") {
-    const RightCapture right(12);
+    const RightCapture& right = right_capture();
     const double radius = 0.12;
     const FoundKappa found = find_kappa(right.capture, radius);
     for (const std::string& line : found.lines()) MESSAGE(line);
@@ -67,7 +67,7 @@ TEST_CASE("kappa: found by the irises of a rendered head, and nothing without ey
 }
 
 TEST_CASE("kappa: errors of a run's, and none where it or the capture has none") {
-    const RightCapture right(12);
+    const RightCapture& right = right_capture();
     const std::vector<int>& frames = right.capture.test;
     TrainState state;
     state.avatar.eyes.kappa = Columns<float>::Zero(2, 2);

@@ -27,7 +27,7 @@ double angle(const Vec3<double>& a, const Vec3<double>& b) {
 } // namespace
 
 TEST_CASE("lights: the softboxes of a rendered head are found, and nothing without eye masks") {
-    const RightCapture right(12);
+    const RightCapture& right = right_capture();
     const Subject subject = describe_subject(right.capture, preset("cpu"));
     const FoundLights found = find_lights(right.capture, subject);
     for (const std::string& line : found.lines()) MESSAGE(line);

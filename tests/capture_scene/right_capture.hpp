@@ -31,4 +31,11 @@ struct RightCapture {
     const CaptureFrame& frame(int f) const { return capture.frames[static_cast<std::size_t>(f)]; }
 };
 
+/// Returns the one of 12 training frames, which is made once for all tests of the program; no test
+/// changes its files.
+inline const RightCapture& right_capture() {
+    static const RightCapture made(12);
+    return made;
+}
+
 } // namespace rye::trainer

@@ -20,10 +20,7 @@ using namespace rye::trainer;
 
 namespace {
 
-const RightCapture& right() {
-    static const RightCapture made(12);
-    return made;
-}
+const RightCapture& right() { return right_capture(); }
 
 /// Moves all that a tracker says of a frame by a turn about the head's middle and a shift, both in
 /// the head's frame.

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "evaluation/closed_lids.hpp"
 #include "evaluation/evaluation.hpp"
 
 #include <unistd.h>
@@ -238,4 +239,40 @@ TEST_CASE("evaluation: the geometry is the capture's in one row, the rig's in th
         CHECK((own.ball[e].centre - posed).norm() <= 1e-6);
         CHECK((own.ball[e].head_rotation - turn).norm() <= 1e-12);
     }
+}
+
+TEST_CASE("closed lids: pixels of the eyes with the lids' coefficients at 0 and at 1, by their names") {
+    const Folder folder;
+    const TinyCapture files(folder.path);
+    for (int f = 0; f < TinyCapture::frames; ++f)
+        TinyCapture::set(files.params(f, "params.npz"), "exp_coeff", {1, 3},
+                         std::vector<float>{0.1f, 0.2f, 0.3f});
+    Capture capture = read_capture(folder.path);
+    const TrainState run = drawn_state(tiny_state());
+    const std::vector<MeasuredView> views{{0, 0, true}, {1, 1, false}, {1, 0, true}};
+    capture.expression_names = {"jawOpen", "eyeBlink_L", "Eyes-Closed"};
+    const ClosedLids lids = closed_lids(run, capture, views);
+    CHECK(lids.names == std::vector<std::string>{"eyeBlink_L", "Eyes-Closed"});
+    CHECK(lids.pictures == 2);
+    const auto by_hand = [&](float weight) {
+        double sum = 0;
+        for (const int frame : {0, 1}) {
+            Drivers<float> drivers = frame_drivers(capture, frame, run.config.gaze_axis);
+            drivers.expression[1] = drivers.expression[2] = weight;
+            const Evaluation evaluation(run, capture);
+            sum += static_cast<double>(
+                evaluation.own_eyes(drivers, capture.camera(frame, 0)).area.pixels.sum());
+        }
+        return sum;
+    };
+    CHECK(lids.open == doctest::Approx(by_hand(0)));
+    CHECK(lids.closed == doctest::Approx(by_hand(1)));
+    CHECK(lids.open > 1);
+    CHECK(lids.closed != lids.open);
+    CHECK(lids.json()["visible"] == lids.closed / lids.open);
+
+    capture.expression_names = {"jawOpen", "browDown_L", "browDown_R"};
+    CHECK(closed_lids(run, capture, views).json().is_null());
+    capture.expression_names.clear();
+    CHECK(closed_lids(run, capture, views).json().is_null());
 }

@@ -20,6 +20,7 @@
 #include "data/corrected_cameras.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
+#include "evaluation/closed_lids.hpp"
 #include "evaluation/evaluation.hpp"
 #include "evaluation/head_alignment.hpp"
 #include "evaluation/kappa_errors.hpp"
@@ -192,6 +193,16 @@ void print_kappa(const KappaErrors& k) {
                         eye->run[0], eye->run[1], eye->capture[0], eye->capture[1], eye->off());
 }
 
+void print_lids(const ClosedLids& lids) {
+    if (!(lids.open > 0)) return;
+    std::string names;
+    for (const std::string& name : lids.names) names += (names.empty() ? "" : ", ") + name;
+    std::printf("\nLids closed by %s at 1 leave %.1f %% of the eyes' pixels to be seen (%.0f of %.0f "
+                "in a picture\nof the most frontal camera).\n",
+                names.c_str(), 100 * lids.visible(), lids.closed / lids.pictures,
+                lids.open / lids.pictures);
+}
+
 /// Returns each camera's gains, which are removed from the photographs; null without gains.
 Json gains_json(const Capture& capture) {
     Json gains;
@@ -270,6 +281,8 @@ void evaluate(const EvaluateOptions& o) {
     results["eyeball_centres"] = centres.json();
     const KappaErrors kappa = kappa_errors(state, capture, frames);
     results["kappa"] = kappa.json();
+    const ClosedLids lids = closed_lids(drawer, capture, views);
+    results["closed_lids"] = lids.json();
     const std::string each = per_view.dump(2) + "\n";
     write_atomic(out / "per_view.json", as_bytes(each));
     Json stated = results; // a list has no field for its checksum
@@ -286,6 +299,7 @@ void evaluate(const EvaluateOptions& o) {
     print_tables(rows);
     print_centres(centres);
     print_kappa(kappa);
+    print_lids(lids);
     std::printf("%s\n%s\n%s\n", (out / "results.json").string().c_str(),
                 (out / "per_view.json").string().c_str(),
                 (pictures.string() + " (photograph, render, render with the gaze at rest)").c_str());
