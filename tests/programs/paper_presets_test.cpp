@@ -67,7 +67,8 @@ TEST_CASE("paper: the short presets have the readings of paper-literal, but for 
 TEST_CASE("paper: a checkpoint without the fields means what it meant") {
     const TemporaryFolder folder;
     std::filesystem::create_directories(folder.path / "run");
-    const TrainState state = tiny_state();
+    TrainState state = tiny_state();
+    state.config.mesh.weights.laplacian_unit = LaplacianUnit::world;
     save_checkpoint(folder.path / "run", state);
     Safetensors file = read_safetensors(checkpoint_path(folder.path / "run"));
     TensorMetadata words = file.metadata();

@@ -475,8 +475,6 @@ void take_generalisation(TrainConfig& c) {
     c.grid.cell = 3.5 / 32;
     c.mesh.fit_steps = 10000;
     c.mesh.fit_rate = 3e-3;
-    c.mesh.fit_mixed = 0.85;
-    c.mesh.fit_regions = c.mesh.fit_shapes = true;
     AvatarTrainConfig& g = c.gaussians;
     g.mouth_points = 2000;
     g.spacing_slope = 0.06;
@@ -549,6 +547,8 @@ TrainConfig preset(const std::string& name) {
     c.mesh.weights.laplacian_unit = LaplacianUnit::metre;
     c.mesh.landmarks_follow_gaze = true;
     c.mesh.fit_steps = 1500;
+    c.mesh.fit_mixed = 0.85;
+    c.mesh.fit_regions = c.mesh.fit_shapes = true;
     AvatarTrainConfig& g = c.gaussians;
     g.steps = tiny ? 1200 : 8000;
     g.mouth_points = tiny ? 300 : 600;
