@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <rye/train/landmark_regression.hpp>
 
+#include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include <doctest/doctest.h>
 
@@ -139,15 +141,32 @@ TEST_CASE("known shapes hold for coefficients that are 0 in all frames") {
     CHECK(subject.error(with, 3) < 0.1);
     CHECK(!without.knows_shapes);
     CHECK(with.knows_shapes);
-    bool unseen = false;
-    for (std::uint64_t k = 0; k < 60; ++k) {
+    double largest = 0;
+    std::vector<double> weights;
+    for (const MeshSample<double>& f : frames) {
+        const VecX<double>& e = f.drivers.expression;
+        largest = std::max(largest, e.maxCoeff());
+        weights.insert(weights.end(), e.data(), e.data() + e.size());
+    }
+    CHECK(with.largest == largest);
+    int shown = 0, of_no_frame = 0; // weights of the coefficient that no frame has
+    for (std::uint64_t k = 0; k < 200; ++k) {
         const auto mixed = [&](const LandmarkRegression& r) {
             return mixed_frame(frames, r, subject.neutral, Random{k, 0}).drivers.expression[3];
         };
         CHECK(mixed(without) == 0);
-        unseen |= mixed(with) != 0;
+        const double weight = mixed(with);
+        const bool known = std::find(weights.begin(), weights.end(), weight) != weights.end();
+        shown += known && weight != 0 ? 1 : 0;
+        of_no_frame += known ? 0 : 1;
+        if (!known) {
+            CHECK(weight > 0);
+            CHECK(weight < largest);
+        }
     }
-    CHECK(unseen);
+    CHECK(shown > 3);
+    CHECK(of_no_frame > 10);
+    CHECK(of_no_frame < 40);
 }
 
 TEST_CASE("priors that do not fit the frames are refused") {

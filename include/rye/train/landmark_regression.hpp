@@ -103,6 +103,7 @@ std::vector<double> landmark_regressors(const Drivers<T, E>& drivers) {
 struct LandmarkRegression {
     Columns<double> coefficient; ///< K x 3 L [unit per unit of a regressor]
     bool knows_shapes = false;   ///< true if a face model gives a shape for every coefficient
+    double largest = 0;          ///< weight of a coefficient in the frames, 0 or more
 
     /// Returns the displacement, 3 x L, by K regressors x.
     template <class T>
@@ -141,6 +142,10 @@ LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>
     Columns<double> reach = Columns<double>::Ones(regressors, landmarks);
     if constexpr (has_effect<E, ReadsExpression>) {
         detail::require_prior(config, frames.front().drivers.expression.size(), landmarks);
+        for (const MeshSample<T, E>& f : frames)
+            if (f.drivers.expression.size() > 0)
+                r.largest = std::max(r.largest,
+                                     static_cast<double>(f.drivers.expression.maxCoeff()));
         if (config.expression_reach.size() > 0)
             reach.middleRows(1, config.expression_reach.rows()) = config.expression_reach;
     }
@@ -253,7 +258,8 @@ double landmark_noise(const B& backend, const InfluenceInput<T>& neutral,
 
 /// Returns a frame that `frames` do not show, with the landmarks of the regression: each
 /// coefficient of the expression is that of one of two frames, or 0; if its shape is known, one in
-/// four is any coefficient of any frame, so that coefficients that no frame has occur too. Each eye
+/// eight is any coefficient of any frame, and one in eight is any number up to the largest that a
+/// frame has, so that coefficients that no frame has occur too, and a whole blink. Each eye
 /// looks as in a frame of its own, up to 1.3 times as far aside. Poses are those of the first
 /// frame. `random`: for this frame alone.
 template <class T, EffectSet E>
@@ -277,6 +283,8 @@ MeshSample<T, E> mixed_frame(const std::vector<MeshSample<T, E>>& frames,
                 mixed.drivers.expression[i] = T(0);
             else if (u < 0.625)
                 mixed.drivers.expression[i] = second.drivers.expression[i];
+            else if (regression.knows_shapes && u >= 0.875)
+                mixed.drivers.expression[i] = T(regression.largest * own.uniform(0));
             else if (regression.knows_shapes && u >= 0.75)
                 mixed.drivers.expression[i] =
                     frames[static_cast<std::size_t>(
