@@ -103,7 +103,7 @@ std::vector<double> landmark_regressors(const Drivers<T, E>& drivers) {
 struct LandmarkRegression {
     Columns<double> coefficient; ///< K x 3 L [unit per unit of a regressor]
     bool knows_shapes = false;   ///< true if a face model gives a shape for every coefficient
-    double largest = 0;          ///< weight of a coefficient in the frames, 0 or more
+    double largest = 0;          ///< largest weight of a coefficient in the frames, at least 0
 
     /// Returns the displacement, 3 x L, by K regressors x.
     template <class T>
