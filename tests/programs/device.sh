@@ -201,7 +201,7 @@ drawn told --eye 1,0,9 --size 47x33 # sides that super-resolution's blocks excee
 grep -q '"device": "an emulated device"' on_device/results.json || fail "no device in results.json"
 grep -q '"device": "cpu"' by_cpu/results.json || fail "no CPU in results.json"
 for side in on_device by_cpu; do
-    tr -d ' ,"' < $side/results.json | tr ':' ' ' | grep -v -e "^device" -e "^checksum" > $side.txt
+    tr -d ' ,"' < $side/results.json | tr ':' ' ' | grep -v -e "^device" -e "checksum " > $side.txt
 done
 paste -d ' ' on_device.txt by_cpu.txt | awk '
     NF == 4 && $2 + 0 == $2 && ($2 - $4 > 1e-2 || $4 - $2 > 1e-2) { print; bad = 1 }
