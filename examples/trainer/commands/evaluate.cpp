@@ -16,6 +16,7 @@
 #include "commands/options.hpp"
 #include "corrections/camera_colours.hpp"
 #include "corrections/centre_errors.hpp"
+#include "corrections/highlight_spots.hpp"
 #include "data/checksums.hpp"
 #include "data/corrected_cameras.hpp"
 #include "data/threads.hpp"
@@ -98,9 +99,19 @@ void print_reflections(const Json& r) {
                 r.at("renders").get<double>(), r.at("correlation").get<double>());
 }
 
+void print_highlights(const HighlightMatch& m) {
+    if (m.json().is_null() || m.photographs + m.renders == 0) return;
+    std::printf("Highlights on irises: %d of %d photographs of an eye have one, and renders %d of "
+                "these",
+                m.photographs, m.pictures, m.found);
+    if (m.found > 0) std::printf(", %.1f px off in the median", m.median_distance());
+    std::printf(";\nof %d on renders, photographs do not have %d.\n", m.renders, m.unlike);
+}
+
 void print_tables(const std::vector<Row>& rows) {
     print_quality(rows);
     print_reflections(rows.front().second.reflections.json());
+    print_highlights(match_highlights(rows.front().second.reflections));
     std::printf("\nGaze [deg]; the estimator is given the capture's eyeballs and eye masks:\n");
     print_gaze(rows, &ViewResult::measured);
     std::printf("\nGaze [deg]; the estimator is given no label, but the run's own eyeballs:\n");

@@ -59,6 +59,7 @@ void add_mirrored_pixels(const Image<float>& picture, const Columns<float>& area
     const auto inside = [](double v, int side) {
         return static_cast<int>(std::clamp(v, 0.0, static_cast<double>(side)));
     };
+    const double limbus = of.camera.fx * of.eye.scale * of.limbus_radius / depth;
     const Vec3<double> from = into_eye(of.eye, of.camera.centre());
     for (int y = inside(middle.y() - reach, picture.height);
          y < inside(middle.y() + reach + 1, picture.height); ++y)
@@ -78,7 +79,7 @@ void add_mirrored_pixels(const Image<float>& picture, const Columns<float>& area
             const Vec3<double> to = of.eye.rotation * (ray.view - 2 * ray.facing * ray.normal);
             all.push_back({to.cast<float>(), picture.pixels.col(i).head<3>(),
                            Vec2<float>((aside.head<2>() / of.limbus_radius).cast<float>()), eye,
-                           number});
+                           number, x, y, static_cast<float>(limbus)});
         }
 }
 

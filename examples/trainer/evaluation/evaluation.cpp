@@ -7,6 +7,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "corrections/highlight_spots.hpp"
 #include "corrections/lights.hpp"
 #include "data/degrees.hpp"
 #include "data/panel.hpp"
@@ -190,7 +191,8 @@ Json ViewResult::json() const {
             {"eyes_visible", eyes_visible},
             {"gaze", measured.json()},
             {"gaze_without_labels", own.json()},
-            {"reflections", reflections.json()}};
+            {"reflections", reflections.json()},
+            {"highlights", match_highlights(reflections).json()}};
 }
 
 EyesOfView Evaluation::labelled_eyes(int frame, Image<float> mask) const {

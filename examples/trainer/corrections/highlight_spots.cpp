@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "corrections/highlight_spots.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <set>
+
+#include "data/median.hpp"
+
+namespace rye::trainer {
+namespace {
+
+/// Cells of the iris along its diameter, within which pixels have one colour of their own.
+constexpr int cells = 20;
+/// Least brightness of a spot's pixels, and their fewest number.
+constexpr double least = 0.05;
+constexpr std::size_t fewest = 3;
+/// Fewest pictures of an eye that tell an iris' own colours.
+constexpr int fewest_pictures = 12;
+/// Farthest that two pictures' middles of a spot are apart, in radii of the iris.
+constexpr double reach = 0.25;
+
+using Place = std::pair<int, int>;
+
+/// A pixel of an iris, and how much brighter it is than irises are there.
+struct BrightPixel {
+    double over;
+    bool inside; ///< its four neighbours are pixels of the iris too
+};
+
+/// Returns how much brighter each pixel is than the median of its part of the iris.
+std::vector<double> brighter(const std::vector<MirroredPixel>& pixels) {
+    const auto part = [](const MirroredPixel& p) {
+        const auto cell = [](float v) {
+            return std::clamp(static_cast<int>((v + 1) * cells / 2), 0, cells - 1);
+        };
+        return (p.eye * cells + cell(p.iris.y())) * cells + cell(p.iris.x());
+    };
+    std::vector<double> over;
+    for (const MirroredPixel& p : pixels) over.push_back(static_cast<double>(p.colour.mean()));
+    const auto subtract = [&](const auto& key) {
+        std::map<int, std::vector<double>> groups;
+        for (std::size_t i = 0; i < over.size(); ++i) groups[key(pixels[i])].push_back(over[i]);
+        std::map<int, double> middle;
+        for (auto& [k, values] : groups) middle[k] = median(std::move(values));
+        for (std::size_t i = 0; i < over.size(); ++i) over[i] -= middle.at(key(pixels[i]));
+    };
+    subtract(part);
+    subtract([](const MirroredPixel& p) { return p.picture; });
+    return over;
+}
+
+/// Takes the group of adjacent pixels that `start` belongs to out of `left`.
+std::vector<Place> taken_group(std::map<Place, BrightPixel>& left, Place start) {
+    std::vector<Place> group, next{start};
+    left.erase(start);
+    while (!next.empty()) {
+        const Place p = next.back();
+        next.pop_back();
+        group.push_back(p);
+        for (int dy = -1; dy <= 1; ++dy)
+            for (int dx = -1; dx <= 1; ++dx) {
+                const auto beside = left.find({p.first + dy, p.second + dx});
+                if (beside == left.end()) continue;
+                next.push_back(beside->first);
+                left.erase(beside);
+            }
+    }
+    return group;
+}
+
+/// Appends the spots of one picture, whose pixels are `iris`.
+void add_spots(const std::map<Place, BrightPixel>& iris, HighlightSpot like,
+               std::vector<HighlightSpot>& spots) {
+    std::map<Place, BrightPixel> bright;
+    for (const auto& [place, p] : iris)
+        if (p.over > least) bright.emplace(place, p);
+    const std::size_t before = spots.size();
+    while (!bright.empty()) {
+        const std::vector<Place> group = taken_group(bright, bright.begin()->first);
+        if (group.size() < fewest) continue;
+        HighlightSpot spot = like;
+        spot.at = Vec2<double>::Zero();
+        spot.brightness = 0;
+        double sum = 0;
+        for (const Place& place : group) {
+            const BrightPixel& p = iris.at(place);
+            spot.at += p.over * Vec2<double>(place.second + 0.5, place.first + 0.5);
+            sum += p.over;
+            if (p.over > spot.brightness) {
+                spot.brightness = p.over;
+                spot.peaks = p.inside;
+            }
+        }
+        spot.at /= sum;
+        spots.push_back(spot);
+    }
+    std::stable_sort(
+        spots.begin() + static_cast<std::ptrdiff_t>(before), spots.end(),
+        [](const HighlightSpot& a, const HighlightSpot& b) { return a.brightness > b.brightness; });
+}
+
+/// Returns the distance of the nearest spot of the same picture in radii of the iris; infinite
+/// without any.
+double nearest(const HighlightSpot& spot, const std::vector<HighlightSpot>& others) {
+    double best = std::numeric_limits<double>::infinity();
+    for (const HighlightSpot& o : others)
+        if (o.picture == spot.picture)
+            best = std::min(best, (o.at - spot.at).norm() / spot.iris_radius);
+    return best;
+}
+
+} // namespace
+
+std::vector<HighlightSpot> highlight_spots(const std::vector<MirroredPixel>& pixels) {
+    const std::vector<double> over = brighter(pixels);
+    struct Picture {
+        std::map<Place, BrightPixel> iris;
+        double radius = 0;
+    };
+    std::map<int, Picture> pictures;
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+        Picture& of = pictures[pixels[i].picture];
+        of.iris[{pixels[i].y, pixels[i].x}] = {over[i], false};
+        of.radius = static_cast<double>(pixels[i].iris_radius);
+    }
+    std::vector<HighlightSpot> spots;
+    for (auto& [number, of] : pictures) {
+        for (auto& [place, p] : of.iris) {
+            const auto [y, x] = place;
+            p.inside = of.iris.count({y - 1, x}) && of.iris.count({y + 1, x}) &&
+                       of.iris.count({y, x - 1}) && of.iris.count({y, x + 1});
+        }
+        add_spots(of.iris, {number, Vec2<double>::Zero(), 0, true, of.radius}, spots);
+    }
+    return spots;
+}
+
+HighlightMatch match_highlights(const Reflections& r) {
+    const std::vector<HighlightSpot> photographs = highlight_spots(r.photograph),
+                                     renders = highlight_spots(r.render);
+    HighlightMatch m;
+    std::set<int> pictures;
+    for (const MirroredPixel& p : r.photograph) pictures.insert(p.picture);
+    m.pictures = static_cast<int>(pictures.size());
+    int last = -1;
+    for (const HighlightSpot& spot : photographs) {
+        if (!spot.clear() || spot.picture == last) continue;
+        last = spot.picture;
+        ++m.photographs;
+        if (const double d = nearest(spot, renders); d < reach) {
+            ++m.found;
+            m.distance.push_back(d * spot.iris_radius);
+        }
+    }
+    for (const HighlightSpot& spot : renders) {
+        if (!spot.clear()) continue;
+        ++m.renders;
+        if (!(nearest(spot, photographs) < reach)) ++m.unlike;
+    }
+    return m;
+}
+
+double HighlightMatch::median_distance() const {
+    return distance.empty() ? std::nan("") : median(distance);
+}
+
+nlohmann::ordered_json HighlightMatch::json() const {
+    if (pictures < fewest_pictures) return nullptr;
+    nlohmann::ordered_json r = {{"photographs", photographs},
+                                {"found", found},
+                                {"median_px", nullptr},
+                                {"renders_spots", renders},
+                                {"not_in_photographs", unlike}};
+    if (!distance.empty()) r["median_px"] = median_distance();
+    return r;
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+/// corrections/highlight_spots.hpp: highlights on irises as spots, in photographs and in renders of
+/// the same views: where each lies, and which of them the other picture has too.
+/// Frames: pixels from the picture's left upper corner.
+#pragma once
+
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "corrections/reflections.hpp"
+
+namespace rye::trainer {
+
+/// A bright spot on an iris.
+struct HighlightSpot {
+    int picture;        ///< number of the picture of an eye
+    Vec2<double> at;    ///< middle by brightness [px]
+    double brightness;  ///< the most that it adds to the iris there, mean of the channels
+    bool peaks;         ///< false if it is brightest at the rim of what is seen of the iris
+    double iris_radius; ///< of that picture's iris [px]
+
+    /// Returns true if it is clear enough to be counted: it peaks, and is brighter by 0.1.
+    bool clear() const { return peaks && brightness >= 0.1; }
+};
+
+/// Returns the spots, by picture, the brightest of each first. A spot is a group of at least 3
+/// adjacent pixels that are brighter by 0.05 than the median of their part of the iris over all
+/// pictures and than their picture's median.
+std::vector<HighlightSpot> highlight_spots(const std::vector<MirroredPixel>& pixels);
+
+/// Spots of renders beside those of photographs.
+struct HighlightMatch {
+    int pictures = 0;             ///< of an eye
+    int photographs = 0;          ///< of them, whose photograph has a clear spot
+    int found = 0;                ///< of them, whose brightest clear spot the render has
+    int renders = 0;              ///< clear spots of renders
+    int unlike = 0;               ///< of them, that the photograph does not have
+    std::vector<double> distance; ///< of each found spot from the photograph's [px]
+
+    /// Returns the median of the distances [px]; NaN without any.
+    double median_distance() const;
+    /// Returns the counts and the median of the distances; null for fewer than 12 pictures, whose
+    /// irises' own colours are not known.
+    nlohmann::ordered_json json() const;
+};
+
+/// Returns which spots both pictures of an eye have: a clear spot of one that lies less than a
+/// quarter of the iris' radius from a spot of the other.
+HighlightMatch match_highlights(const Reflections& r);
+
+} // namespace rye::trainer
