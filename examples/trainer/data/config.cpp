@@ -447,6 +447,7 @@ void take_device_sizes(TrainConfig& c) {
     c.avatar.channels = 16;
     c.avatar.networks = narrow_networks(128, 64);
     c.mesh.image_size = 256;
+    c.grid.subdivide = true;
     AvatarTrainConfig& g = c.gaussians;
     g.steps = 20000;
     g.spacing = 0.01;
@@ -473,11 +474,13 @@ void take_generalisation(TrainConfig& c) {
     n.pose_deform.assign(2, 128);
     n.gaze_deform.assign(3, 128);
     c.grid.cell = 3.5 / 32;
+    c.grid.subdivide = false;
     c.mesh.fit_steps = 10000;
     c.mesh.fit_rate = 3e-3;
     AvatarTrainConfig& g = c.gaussians;
     g.mouth_points = 2000;
-    g.spacing_slope = 0.06;
+    g.spacing = 0.02;
+    g.spacing_slope = 0.03;
     // The paper's eye terms and blank: averages over an eye's few pixels outweigh everything else.
     const auto published = preset("paper").gaussians.weights;
     g.weights.eye_average = published.eye_average;

@@ -8,7 +8,6 @@
 #include <cstddef>
 #include <type_traits>
 #include <utility>
-#include <vector>
 
 #include <rye/core/columns.hpp>
 #include <rye/nn/lanes/register_tile.hpp>
@@ -23,7 +22,7 @@ struct Panels {
     using T = typename Batch::value_type;
     static constexpr Index lanes = static_cast<Index>(Batch::size);
     Index rows = 0, depth = 0;
-    std::vector<T> data;
+    VecX<T> data; ///< aligned as Eigen aligns, so that no vector lies across two cache lines
 
     Index height(Index row) const { return rows - row > lanes ? 2 * lanes : lanes; }
     const T* panel(Index row) const { return data.data() + row * depth; }
@@ -31,7 +30,7 @@ struct Panels {
     void shape(Index new_rows, Index new_depth) {
         rows = new_rows;
         depth = new_depth;
-        data.resize(static_cast<std::size_t>((rows + lanes - 1) / lanes * lanes * depth));
+        data.resize((rows + lanes - 1) / lanes * lanes * depth);
     }
     /// f(panel, its first row, its height)
     template <class F>
