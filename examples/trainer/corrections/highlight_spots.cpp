@@ -12,8 +12,6 @@
 namespace rye::trainer {
 namespace {
 
-/// Cells of the iris along its diameter, within which pixels have one colour of their own.
-constexpr int cells = 20;
 /// Least brightness of a spot's pixels, and their fewest number.
 constexpr double least = 0.05;
 constexpr std::size_t fewest = 3;
@@ -29,28 +27,6 @@ struct BrightPixel {
     double over;
     bool inside; ///< its four neighbours are pixels of the iris too
 };
-
-/// Returns how much brighter each pixel is than the median of its part of the iris.
-std::vector<double> brighter(const std::vector<MirroredPixel>& pixels) {
-    const auto part = [](const MirroredPixel& p) {
-        const auto cell = [](float v) {
-            return std::clamp(static_cast<int>((v + 1) * cells / 2), 0, cells - 1);
-        };
-        return (p.eye * cells + cell(p.iris.y())) * cells + cell(p.iris.x());
-    };
-    std::vector<double> over;
-    for (const MirroredPixel& p : pixels) over.push_back(static_cast<double>(p.colour.mean()));
-    const auto subtract = [&](const auto& key) {
-        std::map<int, std::vector<double>> groups;
-        for (std::size_t i = 0; i < over.size(); ++i) groups[key(pixels[i])].push_back(over[i]);
-        std::map<int, double> middle;
-        for (auto& [k, values] : groups) middle[k] = median(std::move(values));
-        for (std::size_t i = 0; i < over.size(); ++i) over[i] -= middle.at(key(pixels[i]));
-    };
-    subtract(part);
-    subtract([](const MirroredPixel& p) { return p.picture; });
-    return over;
-}
 
 /// Takes the group of adjacent pixels that `start` belongs to out of `left`.
 std::vector<Place> taken_group(std::map<Place, BrightPixel>& left, Place start) {
@@ -114,17 +90,17 @@ double nearest(const HighlightSpot& spot, const std::vector<HighlightSpot>& othe
 
 } // namespace
 
-std::vector<HighlightSpot> highlight_spots(const std::vector<MirroredPixel>& pixels) {
-    const std::vector<double> over = brighter(pixels);
+std::vector<HighlightSpot> highlight_spots(std::vector<MirroredPixel> pixels) {
+    subtract_own_colours(pixels);
     struct Picture {
         std::map<Place, BrightPixel> iris;
         double radius = 0;
     };
     std::map<int, Picture> pictures;
-    for (std::size_t i = 0; i < pixels.size(); ++i) {
-        Picture& of = pictures[pixels[i].picture];
-        of.iris[{pixels[i].y, pixels[i].x}] = {over[i], false};
-        of.radius = static_cast<double>(pixels[i].iris_radius);
+    for (const MirroredPixel& p : pixels) {
+        Picture& of = pictures[p.picture];
+        of.iris[{p.y, p.x}] = {static_cast<double>(p.colour.mean()), false};
+        of.radius = static_cast<double>(p.iris_radius);
     }
     std::vector<HighlightSpot> spots;
     for (auto& [number, of] : pictures) {

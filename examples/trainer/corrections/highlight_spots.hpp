@@ -25,9 +25,9 @@ struct HighlightSpot {
 };
 
 /// Returns the spots, by picture, the brightest of each first. A spot is a group of at least 3
-/// adjacent pixels that are brighter by 0.05 than the median of their part of the iris over all
-/// pictures and than their picture's median.
-std::vector<HighlightSpot> highlight_spots(const std::vector<MirroredPixel>& pixels);
+/// adjacent pixels that are brighter by 0.05, in the mean of the channels, than irises are there by
+/// themselves (subtract_own_colours).
+std::vector<HighlightSpot> highlight_spots(std::vector<MirroredPixel> pixels);
 
 /// Spots of renders beside those of photographs.
 struct HighlightMatch {

@@ -83,21 +83,25 @@ void add_mirrored_pixels(const Image<float>& picture, const Columns<float>& area
         }
 }
 
-std::vector<ReflectedPart> reflected_parts(std::vector<MirroredPixel> pixels, double side,
-                                           int least, const KnownLight& known) {
+void subtract_own_colours(std::vector<MirroredPixel>& pixels) {
     const auto cell = [](float v) {
         return std::clamp(static_cast<int>((v + 1) * cells / 2), 0, cells - 1);
     };
+    subtract_medians(pixels, [&](const MirroredPixel& p) {
+        return (p.eye * cells + cell(p.iris.y())) * cells + cell(p.iris.x());
+    });
+    subtract_medians(pixels, [](const MirroredPixel& p) { return p.picture; });
+}
+
+std::vector<ReflectedPart> reflected_parts(std::vector<MirroredPixel> pixels, double side,
+                                           int least, const KnownLight& known) {
     std::vector<Vec3<float>> lights;
     if (known)
         for (MirroredPixel& p : pixels) {
             lights.push_back(known(p.to));
             p.colour -= lights.back();
         }
-    subtract_medians(pixels, [&](const MirroredPixel& p) {
-        return (p.eye * cells + cell(p.iris.y())) * cells + cell(p.iris.x());
-    });
-    subtract_medians(pixels, [](const MirroredPixel& p) { return p.picture; });
+    subtract_own_colours(pixels);
     for (std::size_t i = 0; i < lights.size(); ++i) pixels[i].colour += lights[i];
     std::map<std::pair<int, int>, ReflectedPart> parts;
     for (const MirroredPixel& p : pixels) {

@@ -43,6 +43,10 @@ void add_mirrored_pixels(const Image<float>& picture, const Columns<float>& area
                          const CorneaInPicture& of, int eye, int number,
                          std::vector<MirroredPixel>& all);
 
+/// Subtracts what pixels have without what they mirror: each channel's median over a small part of
+/// the irises, by eye, then that of each picture of an eye.
+void subtract_own_colours(std::vector<MirroredPixel>& pixels);
+
 /// What is mirrored from a small part of all directions.
 struct ReflectedPart {
     Vec3<double> to;     ///< mean direction of its pixels
