@@ -101,11 +101,11 @@ void print_reflections(const Json& r) {
 
 void print_highlights(const HighlightMatch& m) {
     if (m.json().is_null() || m.photographs + m.renders == 0) return;
-    std::printf("Highlights on irises: %d of %d photographs of an eye have one, and renders %d of "
+    std::printf("Highlights: %d of %d photographs of an eye show one on the iris. Renders show %d of "
                 "these",
                 m.photographs, m.pictures, m.found);
     if (m.found > 0) std::printf(", %.1f px off in the median", m.median_distance());
-    std::printf(";\nof %d on renders, photographs do not have %d.\n", m.renders, m.unlike);
+    std::printf(".\nOf the %d on renders, %d are in no photograph.\n", m.renders, m.unlike);
 }
 
 void print_tables(const std::vector<Row>& rows) {

@@ -47,8 +47,8 @@ std::vector<Place> taken_group(std::map<Place, BrightPixel>& left, Place start) 
     return group;
 }
 
-/// Appends the spots of one picture, whose pixels are `iris`.
-void add_spots(const std::map<Place, BrightPixel>& iris, HighlightSpot like,
+/// Appends the spots of one picture, whose pixels are `iris`. Those begin as `empty`.
+void add_spots(const std::map<Place, BrightPixel>& iris, const HighlightSpot& empty,
                std::vector<HighlightSpot>& spots) {
     std::map<Place, BrightPixel> bright;
     for (const auto& [place, p] : iris)
@@ -57,9 +57,7 @@ void add_spots(const std::map<Place, BrightPixel>& iris, HighlightSpot like,
     while (!bright.empty()) {
         const std::vector<Place> group = taken_group(bright, bright.begin()->first);
         if (group.size() < fewest) continue;
-        HighlightSpot spot = like;
-        spot.at = Vec2<double>::Zero();
-        spot.brightness = 0;
+        HighlightSpot spot = empty;
         double sum = 0;
         for (const Place& place : group) {
             const BrightPixel& p = iris.at(place);
@@ -148,7 +146,7 @@ nlohmann::ordered_json HighlightMatch::json() const {
     nlohmann::ordered_json r = {{"photographs", photographs},
                                 {"found", found},
                                 {"median_px", nullptr},
-                                {"renders_spots", renders},
+                                {"spots_of_renders", renders},
                                 {"not_in_photographs", unlike}};
     if (!distance.empty()) r["median_px"] = median_distance();
     return r;

@@ -34,7 +34,7 @@ struct MirroredPixel {
     int eye;          ///< 0: the subject's left
     int picture;      ///< number of the picture of an eye
     int x = 0, y = 0; ///< column and row in the picture
-    float iris_radius = 1; ///< as long as the limbus' radius looks there [px]
+    float iris_radius = 1; ///< of the iris in the picture [px]
 };
 
 /// Appends the pixels of an eye's iris in a picture. `area`, 1 x pixels: above 0.5 where the
