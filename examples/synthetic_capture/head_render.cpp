@@ -94,6 +94,20 @@ double shoulder(double x) {
     return x < knee ? x : 1 - (1 - knee) * std::exp(-(x - knee) / (1 - knee));
 }
 
+/// Returns where in a pixel its rays are [px], their mean in its middle: Roberts' R2 sequence, which
+/// is uniform and without rows, shifted.
+std::vector<Vec2<double>> places_in_pixel(int samples) {
+    std::vector<Vec2<double>> places;
+    Vec2<double> mean = Vec2<double>::Zero();
+    for (int s = 0; s < samples; ++s) {
+        const double a = 0.5 + 0.7548776662466927 * s, b = 0.5 + 0.5698402909980532 * s;
+        places.emplace_back(a - std::floor(a), b - std::floor(b));
+        mean += places.back() / samples;
+    }
+    for (Vec2<double>& place : places) place += Vec2<double>(0.5, 0.5) - mean;
+    return places;
+}
+
 } // namespace
 
 void PosedHead::add_eyeball(const Eyeball& eye, const HeadState& state, int index) {
@@ -308,6 +322,7 @@ HeadPicture PosedHead::picture(const Pinhole<double>& camera, int samples) const
     HeadPicture out{Image<float>(width, height, 3), Image<float>(width, height, 1), {}};
     out.eye.assign(static_cast<std::size_t>(out.mask.size()), 0);
     const V3 from = camera.centre();
+    const std::vector<Vec2<double>> at_samples = places_in_pixel(samples);
     for (int y = 0; y < height; ++y)
         for (int x = 0; x < width; ++x) {
             V3 sum = V3::Zero();
@@ -315,11 +330,9 @@ HeadPicture PosedHead::picture(const Pinhole<double>& camera, int samples) const
             for (int first = 0; first < samples; first += 4) {
                 RayBundle bundle{from, {}};
                 for (int k = 0; k < 4; ++k) {
-                    // Roberts' R2 sequence: uniform, without rows.
                     const int s = std::min(first + k, samples - 1);
-                    const double a = 0.5 + 0.7548776662466927 * s, b = 0.5 + 0.5698402909980532 * s;
                     bundle.directions[static_cast<std::size_t>(k)] =
-                        camera.ray({x + a - std::floor(a), y + b - std::floor(b)});
+                        camera.ray(Vec2<double>(x, y) + at_samples[static_cast<std::size_t>(s)]);
                 }
                 const std::array<Hit, 4> hits = caster_.nearest(bundle);
                 for (int k = 0; k < std::min(4, samples - first); ++k) {

@@ -260,6 +260,26 @@ TEST_CASE("pictures: eye masks lie on the eyeballs, and the pupils where the gaz
     }
 }
 
+TEST_CASE("pictures: rays of few samples lie evenly around a pixel's middle") {
+    const HeadModel& m = head();
+    const HeadState state = looking(m, {0, 0}, {0, 0});
+    const Pinhole<double> camera =
+        look_at<double>(V3(3, 1, 9.5), head_centre, V3(0, 1, 0), 0.36, {96, 96});
+    const PosedHead posed(m, state);
+    const auto middle = [&](int samples) { // of the head's area [px]
+        const Image<float> mask = posed.picture(camera, samples).mask;
+        Vec2<double> sum = Vec2<double>::Zero();
+        for (int y = 0; y < 96; ++y)
+            for (int x = 0; x < 96; ++x) sum += mask.at(x, y)[0] * Vec2<double>(x, y);
+        return Vec2<double>(sum / mask.pixels.sum());
+    };
+    const Vec2<double> exact = middle(128);
+    for (const int samples : {4, 8}) {
+        CAPTURE(samples);
+        CHECK((middle(samples) - exact).norm() < 0.02);
+    }
+}
+
 TEST_CASE("pictures: the same bits on one thread and on two, from the seed on") {
     set_threads(1);
     const HeadModel one = procedural_head(7);
