@@ -31,6 +31,7 @@ struct Seen {
     /// For the mixture alone: probability of eye before its colour is known, and density of its
     /// colour if it is something else.
     double prior = 1, other = 0;
+    Vec3<double> ray = Vec3<double>::Zero(); ///< unit, from the camera, head frame
 };
 
 /// Calls f(x, y, pixel) for each usable pixel of an eye.
@@ -80,7 +81,10 @@ struct RimSphere {
                 rgb.x() - rgb.z(),
                 Vec2<double>((pixel - middle) / pixels),
                 1 / (pixels * slant),
-                weight};
+                weight,
+                1,
+                0,
+                ball.head_rotation.transpose() * ray};
     }
 };
 
@@ -211,7 +215,10 @@ class DiscFit {
     DiscFit(const std::vector<Seen>& seen, const RimSphere& sphere)
         : seen_(seen),
           rim_(chord(sphere.rim)),
-          pupil_(chord(0.35 * sphere.rim)),
+          plane_(sphere.plane / sphere.radius),
+          pupil_(0.35 * sphere.ball.limbus_radius / sphere.radius),
+          from_(sphere.ball.head_rotation.transpose() * (sphere.from - sphere.ball.centre) /
+                sphere.radius),
           least_disc_(std::max(1.0, 0.02 * pi * std::pow(rim_ * sphere.pixels, 2))) {
         normal_.setZero();
         sums_.setZero();
@@ -322,7 +329,12 @@ class DiscFit {
         if (along < 1 - reach * reach / 2) return {};
         const double away = std::sqrt(std::max(0.0, 2 - 2 * along));
         const double disc = std::clamp(0.5 + (rim_ - away) / s.width, 0.0, 1.0);
-        return {disc, disc * std::clamp(0.5 + (pupil_ - away) / s.width, 0.0, 1.0)};
+        if (disc <= 0) return {};
+        // The pupil lies in the rim's plane, below the sphere: seen aslant it is not where a ray
+        // through it meets the sphere.
+        const double depth = (plane_ - from_.dot(g)) / s.ray.dot(g);
+        const double off = (from_ + depth * s.ray - plane_ * g).norm();
+        return {disc, disc * std::clamp(0.5 + (pupil_ - off) / s.width, 0.0, 1.0)};
     }
 
     /// Brightness of sclera, disc and inner disc, and the light.
@@ -360,12 +372,15 @@ class DiscFit {
     }
 
     const std::vector<Seen>& seen_;
-    double rim_, pupil_; ///< chords of the unit sphere
-    double least_disc_;  ///< a fiftieth of the whole disc [px]
+    // Lengths in radii of the rim's sphere.
+    double rim_;           ///< chord from the gaze to the rim
+    double plane_, pupil_; ///< distance of the rim's plane from the centre, radius of the pupil
+    Vec3<double> from_;    ///< of the camera from the centre, head frame
+    double least_disc_;    ///< a fiftieth of the whole disc [px]
     Rows without_disc_rows_;
     VecX<double> brightness_, shares_, priors_;
     VecX<double> others_; ///< (1 - prior) times the density of something else
-    Normal normal_;      ///< without the discs
+    Normal normal_;       ///< without the discs
     Row sums_;
     double squares_ = 0, without_ = 0;
 };

@@ -6,11 +6,12 @@
 /// The rim of the iris is a circle around the gaze, so it lies on a sphere around the eyeball's
 /// centre, whose radius is the distance of the rim and not that of the sclera. Each pixel of the
 /// visible eye is projected along its camera ray to that sphere, which gives a direction from the
-/// centre. A gaze g splits these directions by their angle from g into pupil, iris and sclera. The
-/// estimate is the g for which three such levels of brightness and a light that varies linearly
-/// across the eye leave the smallest squared error, with the iris darker than the sclera. This fits
-/// a dark disc of known size, seen in perspective, to all pixels at once, so it is accurate to a
-/// fraction of a pixel and does not need the whole iris. No gaze is preferred.
+/// centre. A gaze g splits these directions by their angle from g into iris and sclera; the pupil
+/// is a smaller disc in the plane of the rim. The estimate is the g for which three such levels of
+/// brightness and a light that varies linearly across the eye leave the smallest squared error,
+/// with the iris darker than the sclera. This fits a dark disc of known size, seen in perspective,
+/// to all pixels at once, so it is accurate to a fraction of a pixel and does not need the whole
+/// iris. No gaze is preferred.
 ///
 /// Pixels at the rim of an exact area of the eye, except its lower rim, are ignored: lashes and the
 /// shadow of the upper lid darken them as an iris would. If the area is not exact, such as that of
