@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// tests/evaluate/drawn_eye.hpp: images of one eye with a known gaze, pixel by pixel: a sphere with
-/// an iris and a pupil on it, seen through an opening between lids.
+/// an iris and a pupil behind a clear cap, seen through an opening between lids.
 /// World units about 1 dm, as in a capture; angles in degrees.
 #pragma once
 
@@ -27,7 +27,7 @@ struct DrawnEye {
     double shade = 0;             ///< darkening from the lower to the upper rim of the eyeball
     double noise = 0;             ///< standard deviation, per pixel and channel
     double skin_red = 0;          ///< by how much more red, and less blue, skin has than 0.55
-    double iris_plane = 0;        ///< the iris as a flat disc so far from the centre; 0: on the sphere
+    double iris_plane = 0;        ///< distance of the iris from the centre; 0: where it meets the sphere
     bool has_iris = true;
     int size = 64;                ///< edge of the image [px], five radii wide
 };
@@ -51,7 +51,6 @@ inline EyePicture draw(const DrawnEye& e) {
         p.ball.centre + distance * gaze_vector(e.camera_pitch * degree, e.camera_yaw * degree);
     p.camera = look_at<double>(from, p.ball.centre, Vec3<double>(0, 1, 0),
                                2 * std::atan(2.5 * radius / distance), {e.size, e.size});
-    const double limbus = std::asin(limbus_radius / radius);
     // Head frame: between the lids, whose rims are horizontal.
     const auto seen = [&](const Vec2<double>& pixel, Vec3<double>& direction) {
         const Vec3<double> ray = p.camera.ray(pixel), to = p.ball.centre - from;
@@ -61,18 +60,20 @@ inline EyePicture draw(const DrawnEye& e) {
         direction = p.ball.head_rotation.transpose() * (miss - std::sqrt(half2) * ray) / radius;
         return direction.y() < e.upper && direction.y() > -e.lower && direction.z() > 0;
     };
-    // Degrees from the gaze, as seen from the centre; those of a flat disc by its radius.
-    const auto from_gaze = [&](const Vec2<double>& pixel, const Vec3<double>& d) {
-        if (e.iris_plane <= 0) return std::acos(std::min(1.0, d.dot(p.gaze)));
+    const double plane = e.iris_plane > 0
+                             ? e.iris_plane
+                             : std::sqrt(radius * radius - limbus_radius * limbus_radius);
+    // Distance from the middle of the iris, in its radii.
+    const auto from_middle = [&](const Vec2<double>& pixel) {
         const Vec3<double> axis = p.ball.head_rotation * p.gaze, ray = p.camera.ray(pixel);
-        const Vec3<double> middle = p.ball.centre + e.iris_plane * axis;
+        const Vec3<double> middle = p.ball.centre + plane * axis;
         const Vec3<double> hit = from + ray * ((middle - from).dot(axis) / ray.dot(axis));
-        return limbus * (hit - middle).norm() / limbus_radius;
+        return (hit - middle).norm() / limbus_radius;
     };
     const auto brightness = [&](const Vec2<double>& pixel, const Vec3<double>& d) {
-        const double angle = from_gaze(pixel, d);
+        const double r = from_middle(pixel);
         double value = e.sclera;
-        if (e.has_iris && angle < limbus) value = angle < 0.35 * limbus ? e.pupil : e.iris;
+        if (e.has_iris && r < 1) value = r < 0.35 ? e.pupil : e.iris;
         return value - e.shade * 0.5 * (d.y() + 1);
     };
     const Random random{3, 0};

@@ -91,16 +91,16 @@ Errors errors_over_gazes(DrawnEye eye) {
 
 TEST_CASE("gaze estimator: an eye wide open, 75 gazes and views") {
     const Errors e = errors_over_gazes({});
-    CHECK(e.mean <= 0.4);
-    CHECK(e.largest <= 1.2);
+    CHECK(e.mean <= 0.1);
+    CHECK(e.largest <= 0.3);
 }
 
 TEST_CASE("gaze estimator: lids that cover the iris above and below") {
     DrawnEye eye;
     eye.upper = 0.4, eye.lower = 0.35;
     const Errors e = errors_over_gazes(eye);
-    CHECK(e.mean <= 0.6);
-    CHECK(e.largest <= 1.3);
+    CHECK(e.mean <= 0.25);
+    CHECK(e.largest <= 0.7);
 }
 
 TEST_CASE("gaze estimator: little contrast, with noise") {
@@ -108,16 +108,16 @@ TEST_CASE("gaze estimator: little contrast, with noise") {
     eye.upper = 0.5, eye.lower = 0.45;
     eye.sclera = 0.6, eye.iris = 0.45, eye.pupil = 0.35, eye.noise = 0.03;
     const Errors e = errors_over_gazes(eye);
-    CHECK(e.mean <= 0.6);
-    CHECK(e.largest <= 1.7);
+    CHECK(e.mean <= 0.5);
+    CHECK(e.largest <= 1.2);
 }
 
 TEST_CASE("gaze estimator: the upper lid's shadow on the eyeball") {
     DrawnEye eye;
     eye.upper = 0.5, eye.lower = 0.45, eye.shade = 0.25;
     const Errors e = errors_over_gazes(eye);
-    CHECK(e.mean <= 0.7);
-    CHECK(e.largest <= 2);
+    CHECK(e.mean <= 0.2);
+    CHECK(e.largest <= 0.6);
 }
 
 TEST_CASE("gaze estimator: the answer is in the head's frame") {
