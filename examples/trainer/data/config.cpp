@@ -446,6 +446,7 @@ void take_device_sizes(TrainConfig& c) {
     c.avatar.feature = 64;
     c.avatar.channels = 16;
     c.avatar.networks = narrow_networks(128, 64);
+    c.eye_appearance = EyeAppearanceName::driven;
     c.mesh.image_size = 256;
     c.grid.subdivide = true;
     AvatarTrainConfig& g = c.gaussians;
@@ -468,7 +469,6 @@ void take_generalisation(TrainConfig& c) {
     c.avatar.pose_frequencies = c.avatar.gaze_frequencies = 1;
     c.shading = ShadingName::head_pose;
     c.highlights = true;
-    c.eye_appearance = EyeAppearanceName::driven;
     NetworkConfig& n = c.avatar.networks;
     n.exp_deform.assign(4, 128);
     n.pose_deform.assign(2, 128);
