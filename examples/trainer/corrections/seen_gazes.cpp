@@ -14,9 +14,7 @@ namespace rye::trainer {
 namespace {
 
 /// Standard deviations of (pitch, yaw) of a sharp iris, and of the error that all views share. Lids
-/// hide the upper and the lower rim, so yaw is more accurate. Measured on a path-traced capture; on
-/// `rye capture --seed 5`, and 9 of a face model, they are 1.7 and 1.3, 0.9 and 0.6 degrees, and in
-/// common 0.8 and 0.8, 0.6 and 0.6.
+/// hide the upper and the lower rim, so yaw is more accurate. Measured on a path-traced capture.
 const Vec2<double> of_a_view = degree * Vec2<double>(1.7, 0.8);
 const Vec2<double> in_common = degree * Vec2<double>(0.9, 0.45);
 
