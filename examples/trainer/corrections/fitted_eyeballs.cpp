@@ -64,7 +64,7 @@ std::optional<Vec3<double>> met(const Capture& capture, int frame,
 /// Returns the centre from which the irises lie in the directions of their gazes.
 Vec3<double> centre_behind(const std::vector<PlacedIris>& irises, const Vec3<double>& assumed) {
     constexpr int rounds = 20;
-    constexpr double prior = 0.03, error = 5 * degree, far = 8 * degree;
+    constexpr double prior = 0.04, error = 5 * degree, far = 8 * degree;
     Vec3<double> centre = assumed;
     for (int round = 0; round < rounds; ++round) {
         Mat3<double> m = Mat3<double>::Identity() / (prior * prior);
@@ -83,6 +83,18 @@ Vec3<double> centre_behind(const std::vector<PlacedIris>& irises, const Vec3<dou
     return centre;
 }
 
+/// Moves the centres of both eyes half of the way to where their displacements from the assumed ones
+/// are mirror images: a head's eyes lie alike to about a millimetre, which is also how far wrong gazes
+/// displace a centre, and a gaze error of both eyes displaces them to the same side.
+void make_alike(std::array<Vec3<double>, 2>& centres, const std::array<EyeballInHead, 2>& assumed) {
+    const Vec3<double> mirror(-1, 1, 1);
+    const Vec3<double> left = centres[0] - assumed[0].centre,
+                       right = mirror.cwiseProduct(centres[1] - assumed[1].centre);
+    const Vec3<double> unlike = (left - right) / 4;
+    centres[0] -= unlike;
+    centres[1] += mirror.cwiseProduct(unlike);
+}
+
 } // namespace
 
 std::optional<std::array<EyeballInHead, 2>>
@@ -93,19 +105,25 @@ fitted_eyeballs(const Capture& capture, const std::vector<int>& frames,
     for (int round = 0; round < rounds; ++round) {
         const std::vector<std::array<std::vector<SeenIris>, 2>> seen =
             seen_irises(capture, frames, {frames.size(), balls}, area_error);
+        std::array<std::vector<PlacedIris>, 2> both;
+        std::array<Vec3<double>, 2> centres;
         for (std::size_t e = 0; e < 2; ++e) {
-            std::vector<PlacedIris> irises;
+            std::vector<PlacedIris>& irises = both[e];
             for (std::size_t i = 0; i < frames.size(); ++i)
                 if (const auto at = met(capture, frames[i], seen[i][e]))
                     irises.push_back({*at, capture.frame(frames[i]).eyes[e].optical});
             if (irises.size() < fewest || 2 * irises.size() < frames.size()) return std::nullopt;
-            const Vec3<double> centre = centre_behind(irises, assumed[e].centre);
+            centres[e] = centre_behind(irises, assumed[e].centre);
+        }
+        make_alike(centres, assumed);
+        for (std::size_t e = 0; e < 2; ++e) {
             std::vector<double> distances;
-            for (const PlacedIris& iris : irises) distances.push_back((iris.at - centre).norm());
+            for (const PlacedIris& iris : both[e])
+                distances.push_back((iris.at - centres[e]).norm());
             const double distance = median(distances), ratio = distance / assumed[e].iris_plane;
             constexpr double most = 1.6; // of an average eye's
             if (!(ratio < most && ratio > 1 / most)) return std::nullopt;
-            balls[e] = {centre, ratio * assumed[e].radius, assumed[e].limbus_radius, distance};
+            balls[e] = {centres[e], ratio * assumed[e].radius, assumed[e].limbus_radius, distance};
         }
     }
     return balls;
