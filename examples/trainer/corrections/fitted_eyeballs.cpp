@@ -83,9 +83,9 @@ Vec3<double> centre_behind(const std::vector<PlacedIris>& irises, const Vec3<dou
     return centre;
 }
 
-/// Moves the centres of both eyes half of the way to where their displacements from the assumed ones
-/// are mirror images: a head's eyes lie alike to about a millimetre, which is also how far wrong gazes
-/// displace a centre, and a gaze error of both eyes displaces them to the same side.
+/// Moves the centres of both eyes half of the way to where their displacements from the assumed
+/// ones are mirror images: a head's eyes lie alike to about a millimetre, which is also how far
+/// wrong gazes displace a centre, and a gaze error of both eyes displaces them to the same side.
 void make_alike(std::array<Vec3<double>, 2>& centres, const std::array<EyeballInHead, 2>& assumed) {
     const Vec3<double> mirror(-1, 1, 1);
     const Vec3<double> left = centres[0] - assumed[0].centre,
