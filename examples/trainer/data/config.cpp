@@ -441,7 +441,7 @@ void take_literal_readings(TrainConfig& c) {
 }
 
 /// Changes the preset `cpu` to one that a large device trains in minutes: pictures of 512 x 512,
-/// half of the paper's widths, a finer face, three times the steps.
+/// half of the paper's widths, a finer face, eyes that the frame drives, three times the steps.
 void take_device_sizes(TrainConfig& c) {
     c.avatar.feature = 64;
     c.avatar.channels = 16;
