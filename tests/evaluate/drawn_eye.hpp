@@ -24,6 +24,7 @@ struct DrawnEye {
     double head_yaw = 0;                      ///< of the head in the world [deg]
     double upper = 1, lower = 1;  ///< opening above and below the eyeball's centre [radii]
     double sclera = 0.8, iris = 0.3, pupil = 0.05;  ///< brightness; skin is 0.55
+    double iris_green = 0;        ///< how much brighter the iris is in green
     double shade = 0;             ///< darkening from the lower to the upper rim of the eyeball
     double noise = 0;             ///< standard deviation, per pixel and channel
     double skin_red = 0;          ///< by how much more red, and less blue, skin has than 0.55
@@ -76,23 +77,29 @@ inline EyePicture draw(const DrawnEye& e) {
         if (e.has_iris && r < 1) value = r < 0.35 ? e.pupil : e.iris;
         return value - e.shade * 0.5 * (d.y() + 1);
     };
+    const auto green = [&](const Vec2<double>& pixel) {
+        const double r = from_middle(pixel);
+        return e.has_iris && r < 1 && r >= 0.35 ? e.iris_green : 0.0;
+    };
     const Random random{3, 0};
     std::uint64_t draws = 0;
     for (int y = 0; y < e.size; ++y)
         for (int x = 0; x < e.size; ++x) {
             Vec3<double> direction;
-            double sum = 0, skin = 0;
+            double sum = 0, skin = 0, greener = 0;
             for (int k = 0; k < 16; ++k) {
                 const Vec2<double> at(x + (k % 4 + 0.5) / 4, y + (k / 4 + 0.5) / 4);
                 const bool eye = seen(at, direction);
                 sum += (eye ? brightness(at, direction) : 0.55) / 16;
                 skin += eye ? 0 : 1.0 / 16;
+                greener += eye ? green(at) / 16 : 0;
             }
             const bool centre = seen(Vec2<double>(x + 0.5, y + 0.5), direction);
             p.eye(0, y * e.size + x) = centre ? 1.0f : 0.0f;
             for (Index c = 0; c < 3; ++c)
                 p.image.at(x, y)(c) =
                     static_cast<float>(sum + skin * e.skin_red * static_cast<double>(1 - c) +
+                                       (c == 1 ? greener : 0) +
                                        e.noise * random.normal(draws++));
         }
     return p;

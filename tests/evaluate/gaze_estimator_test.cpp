@@ -112,6 +112,17 @@ TEST_CASE("gaze estimator: little contrast, with noise") {
     CHECK(e.largest <= 1.2);
 }
 
+TEST_CASE("gaze estimator: a green iris, in red nearly as bright as the sclera") {
+    DrawnEye eye;
+    eye.upper = 0.5, eye.lower = 0.45;
+    eye.sclera = 0.6, eye.iris = 0.55, eye.pupil = 0.5, eye.iris_green = 0.3, eye.noise = 0.02;
+    const Errors e = errors_over_gazes(eye);
+    CHECK(e.mean <= 0.25);
+    CHECK(e.largest <= 1);
+    eye.iris_green = 0;
+    CHECK(!found_in(eye));
+}
+
 TEST_CASE("gaze estimator: the upper lid's shadow on the eyeball") {
     DrawnEye eye;
     eye.upper = 0.5, eye.lower = 0.45, eye.shade = 0.25;

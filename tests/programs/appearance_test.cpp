@@ -112,8 +112,8 @@ std::string message_of(F&& f) {
 TEST_CASE("appearance: fields of the configuration, and of the presets") {
     for (const std::string& name : preset_names()) {
         const bool both = name == "cpu" || name == "gpu";
-        const bool driven = name == "gpu" || name == "paper";
-        CHECK(to_json(preset(name))["avatar"]["eye_appearance"] == (driven ? "driven" : "free"));
+        CHECK(to_json(preset(name))["avatar"]["eye_appearance"] ==
+              (name == "paper" ? "driven" : "free"));
         CHECK(to_json(preset(name))["avatar"]["shading"] == (both ? "head_pose" : "none"));
     }
     TrainConfig c = preset("tiny");

@@ -23,8 +23,9 @@ constexpr double pi = std::numbers::pi;
 /// Pixel that may show the eye.
 struct Seen {
     Vec3<double> direction; ///< unit, from the eyeball's centre, head frame
-    double brightness;
-    double redness;  ///< red minus blue: larger for skin than for sclera and iris
+    /// Brightness and two tints, red over blue and green over both, which no shadow changes: skin
+    /// and brown irises are red, green irises green, the sclera has none.
+    Vec3<double> colour;
     Vec2<double> at; ///< offset from the picture of the eyeball's centre [radii]
     double width;    ///< width of the pixel on the eyeball [rad]
     double weight;   ///< probability that it is eye, 0 to 1
@@ -44,6 +45,17 @@ void for_usable(const Columns<float>& eye, int width, const F& f) {
             const auto inside = [&](Index q) { return eye(0, q) >= 0.5f; };
             if (inside(p) && inside(p - 1) && inside(p + 1) && inside(p - width)) f(x, y, p);
         }
+}
+
+/// Returns brightness and tints of a pixel. Skin and sclera reflect red, the iris its own colour:
+/// as brightness red separates it best from both.
+Vec3<double> colour_of(const Vec3<double>& rgb) {
+    constexpr double weight = 2; // of tints beside brightness
+    constexpr double noise =
+        0.3; // below which the sum of a pixel's colours has no tint to speak of
+    const double of = weight / (rgb.sum() + noise);
+    return {0.8 * rgb.x() + 0.2 * rgb.y(), of * (rgb.x() - rgb.z()),
+            of * (rgb.y() - 0.5 * (rgb.x() + rgb.z()))};
 }
 
 /// Sphere of the iris' rim, as one camera sees it.
@@ -75,10 +87,8 @@ struct RimSphere {
             normalized(Vec3<double>(miss - std::sqrt(std::max(half2, 0.0)) * ray));
         constexpr double least_slant = 0.35; // keeps pixels at the sphere's edge finite
         const double slant = std::max(least_slant, -hit.dot(ray));
-        // Skin and sclera reflect red, the iris its own colour: red separates it best from both.
         return {ball.head_rotation.transpose() * hit,
-                0.8 * rgb.x() + 0.2 * rgb.y(),
-                rgb.x() - rgb.z(),
+                colour_of(rgb),
                 Vec2<double>((pixel - middle) / pixels),
                 1 / (pixels * slant),
                 weight,
@@ -128,12 +138,12 @@ std::vector<float> distances(const Image<float>& image, const std::vector<bool>&
     return d;
 }
 
-/// Normal distribution of brightness and redness.
+/// Normal distribution of colours.
 struct Skin {
-    Vec2<double> mean, spread;
+    Vec3<double> mean, spread;
     double density(const Seen& s) const {
-        const Vec2<double> z = (Vec2<double>(s.brightness, s.redness) - mean).cwiseQuotient(spread);
-        return std::exp(-0.5 * z.squaredNorm()) / (2 * pi * spread.x() * spread.y());
+        const Vec3<double> z = (s.colour - mean).cwiseQuotient(spread);
+        return std::exp(-0.5 * z.squaredNorm()) / (std::pow(2 * pi, 1.5) * spread.prod());
     }
 };
 
@@ -143,10 +153,10 @@ std::optional<Skin> skin_of(const std::vector<Seen>& around) {
     constexpr std::size_t fewest = 12;
     if (around.size() < fewest) return std::nullopt;
     Skin skin;
-    const Vec2<double> least(0.05, 0.03);
-    for (Index k = 0; k < 2; ++k) {
+    const Vec3<double> least(0.05, 0.05, 0.05);
+    for (Index k = 0; k < 3; ++k) {
         std::vector<double> v;
-        for (const Seen& s : around) v.push_back(k == 0 ? s.brightness : s.redness);
+        for (const Seen& s : around) v.push_back(s.colour[k]);
         skin.mean[k] = median(v);
         for (double& x : v) x = std::abs(x - skin.mean[k]);
         skin.spread[k] = std::max(least[k], 1.48 * median(v));
@@ -187,7 +197,7 @@ std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>&
         }
     const std::optional<Skin> skin = skin_of(around);
     for (Seen& s : all) {
-        // Densities over brightness and redness: constant for the eye; skin or lashes for the rest,
+        // Densities over the colours: constant for the eye; skin or lashes for the rest,
         // and in the mixture also lids and corners of every colour.
         constexpr double any = 2, lashes = 0.3, lids = 2;
         const double like_skin = skin ? skin->density(s) : 0;
@@ -198,17 +208,18 @@ std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>&
     return all;
 }
 
-/// Error of the brightness after the fit of a disc around one gaze.
+/// Errors after the fit of a disc around one gaze.
 struct Fit {
     double pitch = 0, yaw = 0;
-    /// Error of a dark disc: the weighted sum of squares, or the mixture's -log likelihood.
+    /// Error of an iris: the weighted sum of squares, or the mixture's -log likelihood.
     double error = unfit;
-    double bright = unfit; ///< error of a disc brighter than the sclera
+    double dark = unfit;   ///< part of the sum of squares: of brightness
+    double bright = unfit; ///< the same of a disc that is brighter than the sclera
     static constexpr double unfit = 1e30;
     bool fits() const { return error < unfit; }
 };
 
-/// Fit of brightness = sclera + (iris - sclera) disc + (pupil - iris) inner disc + light . at.
+/// Fit of colour = sclera + (iris - sclera) disc + (pupil - iris) inner disc + light . at.
 /// Memberships are soft over the width of a pixel, so that the error is smooth in the gaze.
 class DiscFit {
   public:
@@ -221,35 +232,41 @@ class DiscFit {
                 sphere.radius),
           least_disc_(std::max(1.0, 0.02 * pi * std::pow(rim_ * sphere.pixels, 2))) {
         normal_.setZero();
-        sums_.setZero();
+        sums_.setZero(), squares_.setZero();
         const auto n = static_cast<Index>(seen_.size());
         without_disc_rows_.resize(n, 5);
-        for (VecX<double>* v : {&brightness_, &shares_, &priors_, &others_}) v->resize(n);
+        for (VecX<double>* v : {&shares_, &priors_, &others_}) v->resize(n);
+        colours_.resize(n, 3);
         for (Index i = 0; i < n; ++i) {
             const Seen& s = seen_[static_cast<std::size_t>(i)];
             without_disc_rows_.row(i) = Row(1, 0, s.at.x(), s.at.y(), 0).transpose();
-            brightness_[i] = s.brightness, shares_[i] = s.weight;
+            colours_.row(i) = s.colour.transpose(), shares_[i] = s.weight;
             priors_[i] = s.prior, others_[i] = (1 - s.prior) * s.other;
         }
         for (const Seen& s : seen_) {
             add(Row(1, 0, s.at.x(), s.at.y(), 0), s);
-            squares_ += s.weight * s.brightness * s.brightness;
+            squares_ += s.weight * s.colour.cwiseAbs2();
         }
         const std::array<Index, 3> light{0, 2, 3};
-        Mat3<double> a;
-        Vec3<double> b;
+        Mat3<double> a, b;
         for (Index i = 0; i < 3; ++i) {
-            b[i] = sums_[light[static_cast<std::size_t>(i)]];
+            b.row(i) = sums_.row(light[static_cast<std::size_t>(i)]);
             for (Index j = 0; j < 3; ++j)
                 a(i, j) =
                     normal_(light[static_cast<std::size_t>(i)], light[static_cast<std::size_t>(j)]);
         }
         a(1, 1) += even_light, a(2, 2) += even_light;
-        without_ = squares_ - b.dot(a.ldlt().solve(b));
+        without_ = squares_ - b.cwiseProduct(a.ldlt().solve(b)).colwise().sum().transpose();
     }
 
     double pixels() const { return normal_(0, 0); }
-    double without_disc() const { return without_; }
+    /// Returns the squared error of brightness without a disc.
+    double without_disc() const { return without_[0]; }
+    /// Returns the share of that which a fit explains; of the tints' besides, if that is more.
+    double explained(const Fit& fit) const {
+        if (!fit.fits()) return 0;
+        return std::max(1 - fit.dark / without_[0], 1 - fit.error / without_.sum());
+    }
 
     /// Returns the least-squares fit at a gaze, weighted by the probability that a pixel is eye.
     Fit at(double pitch, double yaw) const {
@@ -257,22 +274,23 @@ class DiscFit {
         Fit fit{pitch, yaw};
         if (g.z() < least_forward) return fit;
         Normal a = normal_;
-        Row b = sums_;
+        Sums b = sums_;
         for (const Seen& s : seen_) {
             const Cover c = cover(s, g);
             if (c.disc <= 0) continue;
             const double k = s.weight * c.disc, q = s.weight * c.inner;
             a(1, 0) += k, a(1, 1) += k * c.disc;
             a(2, 1) += k * s.at.x(), a(3, 1) += k * s.at.y();
-            b[1] += k * s.brightness;
+            b.row(1) += k * s.colour.transpose();
             a(4, 0) += q, a(4, 1) += q * c.disc, a(4, 4) += q * c.inner;
             a(4, 2) += q * s.at.x(), a(4, 3) += q * s.at.y();
-            b[4] += q * s.brightness;
+            b.row(4) += q * s.colour.transpose();
         }
         const Levels l = levels(a, b);
         if (!l.seen || l.sclera <= 0) return fit;
-        if (l.darker >= min_darkening * l.sclera) fit.error = squares_ - l.of.dot(b);
-        if (-l.darker >= min_darkening * l.sclera) fit.bright = squares_ - l.of.dot(b);
+        const Vec3<double> error = squares_ - l.of.cwiseProduct(b).colwise().sum().transpose();
+        if (l.iris()) fit.error = error.sum(), fit.dark = error[0];
+        if (-l.darker >= min_darkening * l.sclera) fit.bright = error[0];
         return fit;
     }
 
@@ -281,9 +299,9 @@ class DiscFit {
     /// count as something else, so that lids and their corners, which no ring of skin resembles, do
     /// not attract it.
     Fit mixture(double pitch, double yaw) const {
-        constexpr double spread = 0.12;     // of brightness around the levels
-        constexpr double any_redness = 1.5; // density of an eye's redness
-        constexpr int rounds = 3;           // after which the shares hardly change
+        constexpr double spread = 0.12; // of brightness around the levels
+        constexpr double tint = 0.3;    // ... of the tints
+        constexpr int rounds = 3;       // after which the shares hardly change
         const Vec3<double> g = gaze_vector(pitch, yaw);
         Fit fit{pitch, yaw};
         if (g.z() < least_forward) return fit;
@@ -297,11 +315,13 @@ class DiscFit {
         for (int round = 0; round < rounds; ++round) {
             const Rows weighted = rows.array().colwise() * share.array();
             const Normal a = weighted.transpose() * rows;
-            const Levels l = levels(a, weighted.transpose() * brightness_);
-            if (!l.seen || l.sclera <= 0 || l.darker < min_darkening * l.sclera) return fit;
-            const double density = any_redness / (spread * std::sqrt(2 * pi));
-            const Eigen::ArrayXd off = (brightness_ - rows * l.of).array() / spread;
-            const Eigen::ArrayXd is_eye = density * priors_.array() * (-0.5 * off.square()).exp();
+            const Levels l = levels(a, weighted.transpose() * colours_);
+            if (!l.seen || l.sclera <= 0 || !l.iris()) return fit;
+            const double density = 1 / (spread * tint * tint * std::pow(2 * pi, 1.5));
+            Eigen::ArrayX3d off = (colours_ - rows * l.of).array();
+            off.col(0) /= spread, off.rightCols(2) /= tint;
+            const Eigen::ArrayXd is_eye =
+                density * priors_.array() * (-0.5 * off.square().rowwise().sum()).exp();
             const Eigen::ArrayXd both = is_eye + others_.array();
             share = is_eye / both;
             cost = -both.log().sum();
@@ -314,6 +334,7 @@ class DiscFit {
     using Normal = Mat<double, 5, 5>;
     using Row = Vec<double, 5>;
     using Rows = Eigen::Matrix<double, Eigen::Dynamic, 5>;
+    using Sums = Mat<double, 5, 3>;
     static constexpr double least_forward = 0.62; ///< cosine of 52 degrees, an eye's limit
     /// Penalty of uneven light: a change of 0.1 per radius costs as much as noise of 0.03 in a
     /// pixel.
@@ -339,13 +360,19 @@ class DiscFit {
 
     /// Brightness of sclera, disc and inner disc, and the light.
     struct Levels {
-        Row of = Row::Zero();
+        Sums of = Sums::Zero();
         bool seen = false; ///< true if enough of disc and sclera is seen
         double sclera = 0; ///< brightness it would have in the disc's place, in this light
         double darker = 0; ///< mean of the disc below that
+        double tinted = 0; ///< how much bluer or greener the disc is; skin is redder
+        /// Returns true if the disc is dark enough, or has a colour of its own and is not bright.
+        bool iris() const {
+            return darker >= min_darkening * sclera ||
+                   (tinted >= min_tint && darker >= -min_darkening * sclera);
+        }
     };
     /// Returns the solution, from the lower half of the normal equations.
-    Levels levels(Normal a, const Row& b) const {
+    Levels levels(Normal a, const Sums& b) const {
         Levels l;
         const double disc = a(1, 0), inner = a(4, 0);
         const Vec2<double> middle = Vec2<double>(a(2, 1), a(3, 1)) / std::max(disc, 1e-12);
@@ -356,19 +383,22 @@ class DiscFit {
         a(2, 2) += even_light, a(3, 3) += even_light;
         const Normal whole = a.selfadjointView<Eigen::Lower>();
         l.of = whole.ldlt().solve(b);
-        if (l.of[4] > 0) { // no pupil is brighter than the iris
+        if (l.of(4, 0) > 0) { // no pupil is brighter than the iris
             const Mat<double, 4, 4> part = whole.topLeftCorner<4, 4>();
-            l.of << part.ldlt().solve(Vec<double, 4>(b.head<4>())), 0;
+            l.of.topRows<4>() = part.ldlt().solve(b.topRows<4>());
+            l.of.row(4).setZero();
         }
-        l.sclera = l.of[0] + l.of[2] * middle.x() + l.of[3] * middle.y();
-        l.darker = -(l.of[1] * disc + l.of[4] * inner) / disc;
+        l.sclera = l.of(0, 0) + l.of(2, 0) * middle.x() + l.of(3, 0) * middle.y();
+        const Vec3<double> beside = (l.of.row(1) * disc + l.of.row(4) * inner).transpose() / disc;
+        l.darker = -beside[0];
+        l.tinted = std::max(-beside[1], beside[2]);
         return l;
     }
 
     static double chord(double angle) { return 2 * std::sin(angle / 2); }
     void add(const Row& row, const Seen& s) {
         normal_ += s.weight * row * row.transpose();
-        sums_ += s.weight * s.brightness * row;
+        sums_ += s.weight * row * s.colour.transpose();
     }
 
     const std::vector<Seen>& seen_;
@@ -378,11 +408,12 @@ class DiscFit {
     Vec3<double> from_;    ///< of the camera from the centre, head frame
     double least_disc_;    ///< a fiftieth of the whole disc [px]
     Rows without_disc_rows_;
-    VecX<double> brightness_, shares_, priors_;
+    Eigen::MatrixX3d colours_;
+    VecX<double> shares_, priors_;
     VecX<double> others_; ///< (1 - prior) times the density of something else
     Normal normal_;       ///< without the discs
-    Row sums_;
-    double squares_ = 0, without_ = 0;
+    Sums sums_;
+    Vec3<double> squares_, without_;
 };
 
 /// Returns the smallest error around a gaze, found with decreasing steps.
@@ -468,16 +499,14 @@ std::optional<GazeEstimate> estimate_gaze(const Image<float>& image, const Colum
         return best;
     };
     const CoarseFits coarse = coarse_fits(squares);
-    const auto explained = [&](double error) {
-        return error < Fit::unfit ? 1 - error / disc.without_disc() : 0;
-    };
     const auto accepted = [&](const Fit& best) -> std::optional<GazeEstimate> {
-        const double contrast = explained(best.error);
+        const double contrast = disc.explained(best);
         if (contrast < least_contrast(disc.pixels())) return std::nullopt;
         // Dark pixels beside something bright and round are no iris.
         constexpr double beside_bright = 0.25;
-        if (contrast < min_contrast && contrast < beside_bright * explained(coarse.bright))
-            return std::nullopt;
+        const double bright =
+            coarse.bright < Fit::unfit ? 1 - coarse.bright / disc.without_disc() : 0;
+        if (contrast < min_contrast && contrast < beside_bright * bright) return std::nullopt;
         return GazeEstimate{gaze_vector(best.pitch, best.yaw), contrast, count};
     };
     const Fit best = least(squares, coarse);
@@ -487,7 +516,7 @@ std::optional<GazeEstimate> estimate_gaze(const Image<float>& image, const Colum
         constexpr double share = 0.5;
         const Fit likeliest = least(mixture, coarse_fits(mixture));
         const Fit there = disc.at(likeliest.pitch, likeliest.yaw);
-        if (likeliest.fits() && explained(there.error) >= share * explained(best.error))
+        if (likeliest.fits() && disc.explained(there) >= share * disc.explained(best))
             if (const std::optional<GazeEstimate> found = accepted(there)) return found;
     }
     return accepted(best);

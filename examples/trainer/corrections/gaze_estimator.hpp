@@ -8,10 +8,10 @@
 /// visible eye is projected along its camera ray to that sphere, which gives a direction from the
 /// centre. A gaze g splits these directions by their angle from g into iris and sclera; the pupil
 /// is a smaller disc in the plane of the rim. The estimate is the g for which three such levels of
-/// brightness and a light that varies linearly across the eye leave the smallest squared error,
-/// with the iris darker than the sclera. This fits a dark disc of known size, seen in perspective,
-/// to all pixels at once, so it is accurate to a fraction of a pixel and does not need the whole
-/// iris. No gaze is preferred.
+/// brightness and of two tints, and a light that varies linearly across the eye, leave the smallest
+/// squared error, with the iris darker than the sclera or of another colour. This fits a disc of
+/// known size, seen in perspective, to all pixels at once, so it is accurate to a fraction of a
+/// pixel and does not need the whole iris. No gaze is preferred.
 ///
 /// Pixels at the rim of an exact area of the eye, except its lower rim, are ignored: lashes and the
 /// shadow of the upper lid darken them as an iris would. If the area is not exact, such as that of
@@ -43,7 +43,7 @@ struct EyeballGeometry {
 
 struct GazeEstimate {
     Vec3<double> gaze; ///< unit, head frame
-    double contrast;   ///< share of the weighted variance that the disc explains, 0 to 1
+    double contrast;   ///< share of the weighted variance that the disc explains, at most 1
     int pixels;        ///< number of usable pixels of the eye
 };
 
@@ -54,6 +54,8 @@ inline constexpr double min_contrast = 0.3;
 /// Required darkening of iris and pupil, relative to the sclera's brightness: noise, shadow or an
 /// edge of skin cause less.
 inline constexpr double min_darkening = 0.2;
+/// Tint, towards blue or green, of an iris that is not as dark.
+inline constexpr double min_tint = 0.2;
 /// Largest error of the rim of a run's own eyes [radii of the eyeball].
 inline constexpr double own_area_error = 0.3;
 

@@ -95,6 +95,7 @@ void walk(F& f, TrainConfig& c) {
         f("fit_steps", m.fit_steps, Range{0, 1e7});
         f("fit_rate", m.fit_rate, rate);
         f("fit_mixed", m.fit_mixed, Range{0, 1});
+        f("fit_lids", m.fit_lids, any);
         f("fit_regions", m.fit_regions);
         f("fit_shapes", m.fit_shapes);
         f("weights", [&] {
@@ -441,12 +442,11 @@ void take_literal_readings(TrainConfig& c) {
 }
 
 /// Changes the preset `cpu` to one that a large device trains in minutes: pictures of 512 x 512,
-/// half of the paper's widths, a finer face, eyes that the frame drives, three times the steps.
+/// half of the paper's widths, a finer face, three times the steps.
 void take_device_sizes(TrainConfig& c) {
     c.avatar.feature = 64;
     c.avatar.channels = 16;
     c.avatar.networks = narrow_networks(128, 64);
-    c.eye_appearance = EyeAppearanceName::driven;
     c.mesh.image_size = 256;
     c.grid.subdivide = true;
     AvatarTrainConfig& g = c.gaussians;
@@ -549,8 +549,9 @@ TrainConfig preset(const std::string& name) {
     c.mesh.rate_decay = 0.1;
     c.mesh.weights.laplacian_unit = LaplacianUnit::metre;
     c.mesh.landmarks_follow_gaze = true;
-    c.mesh.fit_steps = 1500;
+    c.mesh.fit_steps = 6000;
     c.mesh.fit_mixed = 0.85;
+    c.mesh.fit_lids = 10;
     c.mesh.fit_regions = c.mesh.fit_shapes = true;
     AvatarTrainConfig& g = c.gaussians;
     g.steps = tiny ? 1200 : 8000;
@@ -575,7 +576,7 @@ TrainConfig preset(const std::string& name) {
     g.weights.eye_smooth = 0.2;
     g.rates.upsampler = 1e-3;
     g.rates.networks = 1e-3;
-    g.rates.deform = 1e-3;
+    g.rates.deform = 3e-5;
     g.rates.opacity = 1e-2;
     g.rates.scale = 3e-3;
     g.rates.position = 3e-4;

@@ -39,6 +39,7 @@ struct MeshTrainConfig {
     int fit_steps = 0;  ///< steps of fit_deformation, after the last step
     double fit_rate = 2e-3;  ///< first learning rate of fit_deformation
     double fit_mixed = 0;    ///< share of fit_deformation's frames that are mixed_frame
+    double fit_lids = 1;     ///< weight of landmarks at the lids in fit_deformation, of others 1
     bool fit_regions = false; ///< true: mixed frames respect the regions of named coefficients
     bool fit_shapes = false;  ///< true: ... and the shapes of the capture's face model, if any
     MeshLossConfig weights;

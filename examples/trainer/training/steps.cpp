@@ -78,6 +78,7 @@ FittedLandmarks fit_landmarks(TrainState& state, const Capture& capture, MeshNet
     fit.steps = state.config.mesh.fit_steps;
     fit.rate = state.config.mesh.fit_rate;
     fit.mixed = state.config.mesh.fit_mixed;
+    fit.lids = state.config.mesh.fit_lids;
     fit.random = seed_of(state).fork(9);
     fit.regression = expression_prior(capture, state.subject, state.config.mesh);
     const Columns<float>& neutral = state.mesh.landmarks;

@@ -26,6 +26,9 @@ struct DeformationFit {
     /// Share of the frames that are mixed_frame, with the landmarks of a regression; 0 for none.
     double mixed = 0;
     RegressionConfig regression = {};
+    /// Weight of a landmark at the lids, relative to the others. Lids are few landmarks that move
+    /// far beside some that do not, which networks learn late.
+    double lids = 1;
 };
 
 namespace detail {
@@ -33,6 +36,22 @@ namespace detail {
 /// Landmarks of one piece of a frame, at most. Pieces run side by side; each packs the networks'
 /// weights and holds a gradient of its own, which costs as much as about 40 landmarks.
 inline constexpr Index deformed_at_once = 192;
+
+/// Distance from a landmark of an eye within which others are at its lids [unit].
+inline constexpr double lid_reach = 0.03;
+
+/// Returns the weight of each landmark in the fit, 1 x L: fit.lids at the lids, else 1.
+template <class T>
+Columns<T> fit_weights(const Columns<T>& neutral, const LandmarkRoles& roles,
+                       const DeformationFit& fit) {
+    Columns<T> weight = Columns<T>::Ones(1, neutral.cols());
+    for (const std::vector<Index>& eye : roles.eye)
+        for (Index l = 0; l < neutral.cols(); ++l)
+            for (const Index k : eye)
+                if ((neutral.col(l) - neutral.col(k)).norm() < T(lid_reach))
+                    weight(0, l) = T(fit.lids);
+    return weight;
+}
 
 /// Returns the places of landmarks [begin, begin + count), as deform_landmarks reads them.
 template <class T, EffectSet E>
@@ -147,6 +166,7 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
     LandmarkPlaces<T, E> all; // lattice and landmarks are fixed, so these are too
     place_landmarks(backend, mesh, stage, geometry, all);
     const detail::FittedFrames<T, E> drawn(backend, neutral, stage, frames, fit);
+    const Columns<T> weight = detail::fit_weights(neutral, stage.roles, fit);
     Networks& networks = mesh.networks;
     Adam<Networks> adam(networks);
     Networks grad = zeros_like(networks);
@@ -180,13 +200,14 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
         detail::FittedPiece<T, E>& p = pieces[static_cast<std::size_t>(i)];
         const LandmarkDeformation<T, E> at{networks, stage, own, f.code};
         deform_landmarks(alone, at, p.landmarks);
-        const Index size = own.shifted.cols();
+        const Index first = i % parts * each, size = own.shifted.cols();
         const LossTerm<T> off = deformation_term<T>(
-            p.landmarks.deformed, f.shown().landmarks.middleCols(i % parts * each, size));
+            p.landmarks.deformed, f.shown().landmarks.middleCols(first, size));
         const T share = T(static_cast<double>(size) / static_cast<double>(count));
         p.squares = share * off.value;
         for (Columns<T>* const a : p.arrays) a->setZero();
-        const Columns<T> g = T(1.0 / fit.batch) * share * off.gradient;
+        Columns<T> g = T(1.0 / fit.batch) * share * off.gradient;
+        for (Index l = 0; l < size; ++l) g.col(l) *= weight(0, first + l);
         deform_landmarks_vjp<T, E>(alone, at, p.landmarks, g, {p.grad});
     };
     double squares = 0, seen = 0;

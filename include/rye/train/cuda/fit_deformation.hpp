@@ -70,13 +70,14 @@ struct FitLandmark {
     static constexpr const char* name = "fit, landmarks";
     static constexpr int sums = 1;
     const float *deformed, *observed;
-    float weight; ///< twice the weight of a square in the loss
+    const float* of_landmark; ///< its weight, relative to the others
+    float weight;             ///< twice the weight of a square in the loss
     float* g;
 
     template <class Sum>
     RYE_DEVICE void operator()(Index i, Sum& sum) const {
         const float off = deformed[i] - observed[i];
-        g[i] = weight * off;
+        g[i] = weight * of_landmark[i / 3] * off;
         sum[0] += off * off;
     }
 };
@@ -142,6 +143,7 @@ class DeviceDeformationFit {
         code_rows_ = places.code.rows();
         send(places.shifted, shifted_);
         send(places.code, code_);
+        send(detail::fit_weights(mesh.landmarks, stage.roles, fit), of_landmark_);
         numbers_of_frame_ = 3 * landmarks_;
         for_active([&](auto by) {
             if constexpr (std::is_same_v<decltype(by), ExpressionField>)
@@ -312,9 +314,10 @@ class DeviceDeformationFit {
                            true);
         });
         const auto weight = static_cast<float>(2.0 / fit_.batch / static_cast<double>(numbers));
-        lane.sums.launch(queue, numbers,
-                         detail::FitLandmark{deformed.data, lane.numbers, weight, g.data},
-                         {lane.square});
+        lane.sums.launch(
+            queue, numbers,
+            detail::FitLandmark{deformed.data, lane.numbers, of_landmark_.data(), weight, g.data},
+            {lane.square});
         each([&](auto by, OneField& field) {
             field.vjp_into(queue, g,
                            {device_parameters(by.deform(networks_), with(lane.gradient)),
@@ -335,7 +338,7 @@ class DeviceDeformationFit {
     ResidentLayout<Networks> layout_;
     Resident<Networks, Device> parameters_, gradient_;
     DeviceAdam<Networks, Device> adam_;
-    DeviceBuffer<float> shifted_, code_;
+    DeviceBuffer<float> shifted_, code_, of_landmark_;
     FaceFields<Influenced, E> influenced_;
     DeviceBuffer<float> draws_, now_, each_, squares_, kept_;
     DeviceBuffer<std::uint32_t> step_;
