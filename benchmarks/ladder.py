@@ -41,10 +41,11 @@ PARTS = {
     "L5b": {"mesh": {"landmarks_follow_gaze": True}},
     "L5c": {"mesh": {"landmarks_follow_gaze": True, "fit_steps": 10000, "fit_rate": 3e-3}},
     "L5d": {"mesh": {"landmarks_follow_gaze": True, "fit_steps": 10000, "fit_rate": 3e-3,
-                     "fit_mixed": 0.85, "fit_regions": True, "fit_shapes": True}},
+                     "fit_mixed": 0.85, "fit_lids": 10, "fit_regions": True,
+                     "fit_shapes": True}},
     "L5": {"mesh": {"steps": 16000, "landmarks_follow_gaze": True, "fit_steps": 10000,
-                    "fit_rate": 3e-3, "fit_mixed": 0.85, "fit_regions": True,
-                    "fit_shapes": True}},
+                    "fit_rate": 3e-3, "fit_mixed": 0.85, "fit_lids": 10,
+                    "fit_regions": True, "fit_shapes": True}},
     "L6": {"avatar": {"pose_frequencies": 1, "gaze_frequencies": 1, "drivers_from_zero": True}},
     "L7a": {"avatar": {"eye_appearance": "driven"}},
     "L7b": {"gaussians": {"eyeball": {"bulge": True}}},
@@ -76,7 +77,7 @@ def merged(*configs):
     return out
 
 
-PARTS["L7"] = merged(*(PARTS["L7" + x] for x in "acdefg"))
+PARTS["L7"] = merged(*(PARTS["L7" + x] for x in "cdefg"))
 PARTS["L11"] = merged(*(PARTS["L11" + x] for x in "abcdef"))
 LADDER = ["L1b", "L2", "L3", "L4", "L5", "L6", "L7", "L8", "L9", "L10", "L11"]
 FACTORS = ["L1b", "L2", "L3", "L5"]

@@ -54,7 +54,8 @@ double fitted(MeshNetworks* networks, int steps, Mesh& mesh) {
         frames[i].landmarks.row(1).array() += 0.1F * static_cast<float>(i);
     }
     const LandmarkStage stage{state.config.avatar, state.subject.roles, true};
-    const DeformationFit fit{steps, 2, 2e-3, Random(5)};
+    DeformationFit fit{steps, 2, 2e-3, Random(5)};
+    fit.lids = 10;
     mesh = state.mesh;
     if (networks == nullptr) return fit_deformation(train_backend(), mesh, stage, frames, fit);
     return networks->fit(program_threads(), mesh, stage, frames, fit).value();

@@ -100,6 +100,33 @@ TEST_CASE("many landmarks are fitted in pieces, whose sum is the error of all, b
         mesh, again);
 }
 
+TEST_CASE("lids that weigh more are fitted sooner") {
+    Draw draw;
+    const AvatarConfig config = tiny_config();
+    const GuidanceMesh<double> before =
+        GuidanceMesh<double>::init(config, tiny_landmarks(draw), Random{3, 0});
+    std::vector<MeshSample<double>> frames = frames_of(before);
+    for (MeshSample<double>& f : frames)
+        for (Index k = 36; k < 48; ++k) f.landmarks(1, k) -= 0.3 * f.drivers.expression[2];
+    const LandmarkStage stage{config, tiny_roles(), true};
+    const auto off_at_lids = [&](double lids) {
+        GuidanceMesh<double> mesh = before;
+        DeformationFit fit{800, 2, 5e-3, Random{1, 0}};
+        fit.lids = lids;
+        fit_deformation<double>(B{}, mesh, stage, frames, fit);
+        double squares = 0;
+        for (const MeshSample<double>& f : frames) {
+            LandmarkTrace<double> trace;
+            landmark_losses(B{}, mesh, {stage, MeshLossConfig{}}, f, trace);
+            squares += (trace.deformed - f.landmarks).middleCols(36, 12).squaredNorm();
+        }
+        return std::sqrt(squares);
+    };
+    const double alike = off_at_lids(1);
+    CHECK(alike > 0.1);
+    CHECK(off_at_lids(10) < 0.8 * alike);
+}
+
 TEST_CASE("drivers that start at zero change nothing before training") {
     AvatarConfig config = tiny_config();
     config.drivers_from_zero = true;
