@@ -103,8 +103,7 @@ std::vector<double> landmark_regressors(const Drivers<T, E>& drivers) {
 struct LandmarkRegression {
     Columns<double> coefficient; ///< K x 3 L [unit per unit of a regressor]
     bool knows_shapes = false;   ///< true if a face model gives a shape for every coefficient
-    /// Largest weight of a coefficient in the frames, at least 0; at least 1 with known shapes.
-    double largest = 0;
+    double largest = 0;          ///< largest weight of a coefficient in the frames, at least 0
 
     /// Returns the displacement, 3 x L, by K regressors x.
     template <class T>
@@ -216,10 +215,7 @@ LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>
     };
     for_chunks(backend.threads, landmarks, 16, fit);
     r.knows_shapes = shapes.size() > 0;
-    if (r.knows_shapes) {
-        r.coefficient.middleRows(1, shapes.rows()) += shapes;
-        r.largest = std::max(r.largest, 1.0);
-    }
+    if (r.knows_shapes) r.coefficient.middleRows(1, shapes.rows()) += shapes;
     return r;
 }
 
@@ -262,10 +258,10 @@ double landmark_noise(const B& backend, const InfluenceInput<T>& neutral,
 
 /// Returns a frame that `frames` do not show, with the landmarks of the regression: each
 /// coefficient of the expression is that of one of two frames, or 0; if its shape is known, one in
-/// eight is any coefficient of any frame, and one in eight is any number up to 1, or up to the
-/// largest that a frame has, so that coefficients that no frame has occur too, and a whole blink.
-/// Each eye looks as in a frame of its own, up to 1.3 times as far aside. Poses are those of the
-/// first frame. `random`: for this frame alone.
+/// eight is any coefficient of any frame, and one in eight is any number up to the largest that a
+/// frame has, so that coefficients that no frame has occur too, and a whole blink. Each eye
+/// looks as in a frame of its own, up to 1.3 times as far aside. Poses are those of the first
+/// frame. `random`: for this frame alone.
 template <class T, EffectSet E>
 MeshSample<T, E> mixed_frame(const std::vector<MeshSample<T, E>>& frames,
                              const LandmarkRegression& regression, const Columns<T>& neutral,
