@@ -51,8 +51,7 @@ void for_usable(const Columns<float>& eye, int width, const F& f) {
 /// as brightness red separates it best from both.
 Vec3<double> colour_of(const Vec3<double>& rgb) {
     constexpr double weight = 2; // of tints beside brightness
-    constexpr double noise =
-        0.3; // below which the sum of a pixel's colours has no tint to speak of
+    constexpr double noise = 0.3; // a darker sum of colours has hardly a tint
     const double of = weight / (rgb.sum() + noise);
     return {0.8 * rgb.x() + 0.2 * rgb.y(), of * (rgb.x() - rgb.z()),
             of * (rgb.y() - 0.5 * (rgb.x() + rgb.z()))};
@@ -197,8 +196,8 @@ std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>&
         }
     const std::optional<Skin> skin = skin_of(around);
     for (Seen& s : all) {
-        // Densities over the colours: constant for the eye; skin or lashes for the rest,
-        // and in the mixture also lids and corners of every colour.
+        // Densities over the colours: constant for the eye; skin or lashes for the rest, and in the
+        // mixture also lids and corners of every colour.
         constexpr double any = 2, lashes = 0.3, lids = 2;
         const double like_skin = skin ? skin->density(s) : 0;
         s.other = like_skin + lids;
