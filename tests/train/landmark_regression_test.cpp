@@ -276,6 +276,39 @@ TEST_CASE("mixed frames: coefficients of two frames or 0, landmarks of the regre
     CHECK(differs);
 }
 
+TEST_CASE("mixed frames blink, wholly where shapes are known, else as far as a frame does") {
+    const Subject subject;
+    auto frames = subject.frames(6);
+    for (auto& f : frames) f.drivers.expression[1] *= 0.1; // eyes that hardly close
+    double largest = 0;
+    for (const auto& f : frames)
+        for (const Index k : {1, 2}) largest = std::max(largest, f.drivers.expression[k]);
+    for (const bool known : {false, true}) {
+        CAPTURE(known);
+        RegressionConfig prior;
+        prior.blinks = {1, 2};
+        if (known) prior.expression_shapes = Columns<double>::Zero(coefficients, 3 * subject.neutral.cols());
+        const LandmarkRegression r = subject.regression(frames, prior);
+        const double whole = known ? 1 : largest;
+        CHECK(r.whole_blink == whole);
+        int alike = 0, nearly = 0;
+        for (std::uint64_t k = 0; k < 1000; ++k) {
+            const VecX<double> e =
+                mixed_frame(frames, r, subject.neutral, Random{k, 0}).drivers.expression;
+            CHECK(e.maxCoeff() <= std::max(whole, r.largest));
+            alike += e[1] == e[2] && e[1] > 0;
+            nearly += e[1] == e[2] && e[1] > 0.8 * whole;
+        }
+        // 0.3 of the frames blink, of which 0.8 squared with both eyes alike; of these 0.36 nearly.
+        CHECK(alike > 0.14 * 1000);
+        CHECK(nearly > 0.04 * 1000);
+    }
+    RegressionConfig wrong;
+    wrong.blinks = {coefficients};
+    CHECK_THROWS_WITH_AS(subject.regression(frames, wrong), doctest::Contains("among the blinks"),
+                         Error);
+}
+
 TEST_CASE("networks fitted to mixed frames too are nearer to expressions that no frame has") {
     const Subject subject;
     const auto frames = subject.frames(12);

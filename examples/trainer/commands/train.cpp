@@ -296,6 +296,23 @@ class Trainer {
         progress.show(state_.step, shown, last, taken);
     }
 
+    /// Fits what expressions do to lids that close; `state` has taken its last step.
+    void close_lids(TrainState& state) {
+        probe_.start();
+        const FittedLids fitted = trainer::close_lids(state, capture_);
+        if (fitted.points == 0) return;
+        probe_("fit of the lids");
+        log({{"stage", "avatar"},
+             {"step", state.step},
+             {"lid_points", fitted.points},
+             {"lid_attributes", fitted.lids.attributes},
+             {"lid_place", fitted.lids.place},
+             {"other_attributes", fitted.others.attributes},
+             {"other_place", fitted.others.place}});
+        if (!quiet(options_))
+            std::cout << "lids that close: " << fitted.points << " Gaussians grow as they part\n";
+    }
+
     bool train_avatar() {
         const AvatarTrainConfig& g = state_.config.gaussians;
         const SampleDraws draws(capture_, state_.config);
@@ -325,6 +342,7 @@ class Trainer {
             check_applied(report, "avatar");
             const bool last = state_.step == total;
             tell("avatar", report, progress, last);
+            if (last) close_lids(state_);
             if (density_due(g.density, state_.step, total)) {
                 steps.reset(); // its memory fits the old number of Gaussians
                 change_density();
@@ -413,6 +431,7 @@ class Trainer {
             copy.step = state_.step;
             steps->fetch(copy);
             probe_("from the device");
+            if (last) close_lids(copy);
             std::optional<AvatarSample<float>> shown;
             if (shows) // the last step's first picture
                 shown = sample_of(capture_, state_.config,

@@ -9,6 +9,8 @@
 #include <string_view>
 #include <utility>
 
+#include <rye/avatar/idle_head.hpp>
+
 #include "data/expression_shapes.hpp"
 
 namespace rye::trainer {
@@ -94,6 +96,10 @@ Columns<double> expression_reach(const std::vector<std::string>& names,
 RegressionConfig expression_prior(const Capture& capture, const Subject& subject,
                                   const MeshTrainConfig& config) {
     RegressionConfig prior;
+    const auto count = static_cast<Index>(capture.expression_names.size());
+    for (const LidCoefficient<double>& lid :
+         lid_coefficients(capture.expression_names, VecX<double>(VecX<double>::Ones(count))).blink)
+        prior.blinks.push_back(lid.index);
     if (config.fit_regions)
         prior.expression_reach = expression_reach(capture.expression_names, subject.neutral);
     if (config.fit_shapes) prior.expression_shapes = expression_shapes(capture);

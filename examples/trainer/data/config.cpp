@@ -174,6 +174,7 @@ void walk(F& f, TrainConfig& c) {
             f("light_position", g.rates.light_position, rate);
         });
         f("centre_corrections", g.centre_corrections);
+        f("lid_steps", g.lid_steps, steps);
         f("density", [&] {
             f("every", g.density.every, steps);
             f("first", g.density.first, steps);
@@ -587,6 +588,7 @@ TrainConfig preset(const std::string& name) {
     g.rates.kappa = 0; // stays as the irises told it (corrections/found_kappa.hpp)
     g.rates.shading = 1e-2;
     g.rates.eye_offset = 0;
+    g.lid_steps = 2000;
     g.upsampler.capacity = 8;
     g.upsampler.doublings = tiny ? 1 : 0;
     g.upsampler.norm = Normalization::none;

@@ -79,6 +79,7 @@ struct AvatarTrainConfig {
     /// True if the mean over frames is subtracted from the corrections of head poses after each
     /// step, so that they do not move the head's frame.
     bool centre_corrections = false;
+    int lid_steps = 0;          ///< of fit_lids, when stage 2 ends
     DensityConfig density;      ///< off in every preset
     UpsamplerShape upsampler;   ///< in_channels follows from the avatar
     /// True if choose_doublings is to set upsampler.doublings; JSON: "auto".

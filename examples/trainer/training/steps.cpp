@@ -128,6 +128,35 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid, const Fou
     return size;
 }
 
+FittedLids close_lids(TrainState& state, const Capture& capture) {
+    LidFit fit;
+    fit.steps = state.config.gaussians.lid_steps;
+    if (fit.steps == 0) return {};
+    fit.random = seed_of(state).fork(12);
+    std::vector<MeshSample<float>> frames;
+    std::vector<VecX<float>> expressions;
+    for (const int frame : capture.train) {
+        frames.push_back(mesh_sample(capture, state.subject, state.config, frame, {}));
+        expressions.push_back(frames.back().drivers.expression);
+    }
+    const Columns<float>& neutral = state.mesh.landmarks;
+    const AvatarConfig& config = state.config.avatar;
+    const LandmarkRoles& roles = state.subject.roles;
+    const LandmarkRegression regression = landmark_regression<float, MeshEffects>(
+        train_backend(), {config, neutral, neutral}, roles, frames,
+        expression_prior(capture, state.subject, state.config.mesh));
+    const auto fitted = [&](auto& avatar) {
+        return fit_lids(
+            train_backend(), avatar, config, roles,
+            {expressions, regression.blinks, regression.whole_blink},
+            [&](const Random& random) {
+                return mixed_frame(frames, regression, neutral, random).drivers.expression;
+            },
+            fit);
+    };
+    return state.compared ? fitted(state.compared->avatar) : fitted(state.avatar);
+}
+
 FaceNeighbours first_neighbours(const TrainState& state) {
     const AvatarLossConfig& weights = state.config.gaussians.weights;
     if (!(weights.face_smooth > 0 || weights.face_mirror > 0)) return {};

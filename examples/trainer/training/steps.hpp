@@ -9,6 +9,7 @@
 #include <string>
 
 #include <rye/train/face_smoothness.hpp>
+#include <rye/train/fit_lids.hpp>
 #include <rye/train/thread_group.hpp>
 
 #include "corrections/found_kappa.hpp"
@@ -63,6 +64,10 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid,
 /// for every state of that stage, as they are of the guidance mesh, which it keeps. Empty, and
 /// nothing is done, if no weight asks for them.
 FaceNeighbours first_neighbours(const TrainState& state);
+
+/// Fits the expression's networks of the state's avatar to lids that close (fit_lids), by
+/// gaussians.lid_steps; nothing is done without names of coefficients that close lids.
+FittedLids close_lids(TrainState& state, const Capture& capture);
 
 /// Steps of stage 1, with the memory that they share.
 class MeshStepper {
