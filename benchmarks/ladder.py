@@ -65,6 +65,7 @@ PARTS = {
     "L11e": {"avatar": {"feature": 64, "channels": 16, "networks": NETWORKS},
              "gaussians": {"upsampler": {"capacity": 16}}},
     "L11f": {"correct_labels": True, "correct_colours": True, "correct_cameras": True},
+    "L11g": {"gaussians": {"lid_steps": 2000}},
 }
 
 
@@ -78,7 +79,7 @@ def merged(*configs):
 
 
 PARTS["L7"] = merged(*(PARTS["L7" + x] for x in "cdefg"))
-PARTS["L11"] = merged(*(PARTS["L11" + x] for x in "abcdef"))
+PARTS["L11"] = merged(*(PARTS["L11" + x] for x in "abcdefg"))
 LADDER = ["L1b", "L2", "L3", "L4", "L5", "L6", "L7", "L8", "L9", "L10", "L11"]
 FACTORS = ["L1b", "L2", "L3", "L5"]
 SETS = {

@@ -12,7 +12,7 @@
 #                            metres, L5 stage 1, L6 codes, L7 eyes, L8 blank, L9
 #                            spacing, L10 D-SSIM, L11 all else
 #              L1a64, ...    parts of these, and others: L1a288, L1pictures, L2a, L2auto, L3a, L3c,
-#                            L5a to L5d, L7a to L7g, L8a, L11a to L11f
+#                            L5a to L5d, L7a to L7g, L8a, L11a to L11g
 #              L1b+L2        both
 #              to-L5         all to this one
 #              gpu, gpu-L5   gpu, and gpu with the fields of a rung as paper-literal has them
