@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/steps.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include <rye/avatar/hold.hpp>
@@ -130,7 +131,8 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid, const Fou
 
 FittedLids close_lids(TrainState& state, const Capture& capture) {
     LidFit fit;
-    fit.steps = state.config.gaussians.lid_steps;
+    fit.steps = static_cast<int>(
+        std::min<Index>(state.config.gaussians.lid_steps, state.step));
     if (fit.steps == 0) return {};
     fit.random = seed_of(state).fork(12);
     std::vector<MeshSample<float>> frames;
