@@ -131,6 +131,7 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid, const Fou
 
 FittedLids close_lids(TrainState& state, const Capture& capture) {
     LidFit fit;
+    // A short training has a short fit.
     fit.steps = static_cast<int>(
         std::min<Index>(state.config.gaussians.lid_steps, state.step));
     if (fit.steps == 0) return {};

@@ -66,8 +66,7 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid,
 FaceNeighbours first_neighbours(const TrainState& state);
 
 /// Fits the expression's networks of the state's avatar to lids that close (fit_lids), by
-/// gaussians.lid_steps, but no more than stage 2 has had; nothing is done without names of
-/// coefficients that close lids.
+/// gaussians.lid_steps; nothing is done without names of coefficients that close lids.
 FittedLids close_lids(TrainState& state, const Capture& capture);
 
 /// Steps of stage 1, with the memory that they share.
