@@ -12,6 +12,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include <rye/train/fit_lids.hpp>
 #include <rye/train/probe.hpp>
 
 #include "commands/commands.hpp"

@@ -8,6 +8,7 @@
 #include <rye/loss/ssim.hpp>
 #include <rye/train/checkpoint.hpp>
 #include <rye/train/fit_deformation.hpp>
+#include <rye/train/fit_lids.hpp>
 
 #include "corrections/expression_regions.hpp"
 #include "data/panel.hpp"

@@ -9,12 +9,15 @@
 #include <string>
 
 #include <rye/train/face_smoothness.hpp>
-#include <rye/train/fit_lids.hpp>
 #include <rye/train/thread_group.hpp>
 
 #include "corrections/found_kappa.hpp"
 #include "corrections/lights.hpp"
 #include "model/run.hpp"
+
+namespace rye {
+struct FittedLids; // train/fit_lids.hpp
+}
 
 namespace rye::trainer {
 

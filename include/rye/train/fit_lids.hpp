@@ -2,9 +2,9 @@
 /// rye/train/fit_lids.hpp: fit, at the end of stage 2, of what expressions do to lids that close.
 /// These stretch: their Gaussians move apart, and the eyeball shows between them; and some of them
 /// pass through the eyeball, where only landmarks at the rims were fitted. Few pictures blink, so
-/// that they do not teach it. The networks of the expression are fitted to scales that grow with the
-/// distance to the neighbours and to places before the eyeball; elsewhere, and with open lids, to
-/// what they gave before. Not in the paper: docs/deviations.md.
+/// that they do not teach it. The networks of the expression are fitted to scales that grow with
+/// the distance to the neighbours and to places before the eyeball; elsewhere, and with open lids,
+/// to what they gave before. Not in the paper: docs/deviations.md.
 #pragma once
 
 #include <algorithm>
@@ -57,9 +57,11 @@ struct LidEyeballs {
 template <class T, EffectSet E>
 LidEyeballs<T> lid_eyeballs(const EyeStream<T, E>& eyes) {
     LidEyeballs<T> balls{eyes.centre, {}};
-    for (Index e = 0; e < 2; ++e)
-        balls.radius[static_cast<std::size_t>(e)] =
-            eyes.position.middleCols(eyes.first_point(e), eyes.points_of(e)).colwise().norm().mean();
+    for (Index e = 0; e < 2; ++e) {
+        const Columns<T> points =
+            eyes.position.middleCols(eyes.first_point(e), eyes.points_of(e));
+        balls.radius[static_cast<std::size_t>(e)] = points.colwise().norm().mean();
+    }
     return balls;
 }
 /// Moves points that are inside an eyeball, and were before it with open lids, out to `clear` radii
@@ -88,9 +90,9 @@ struct LidFrames {
 
 namespace detail {
 
-/// Least growth by a whole blink of a point that is fitted.
-inline constexpr double least_growth = 1.1;
-/// Share of the frames that are mixed ones; the others are the capture's.
+/// Least growth by a whole blink, and least influence, of a point that is fitted.
+inline constexpr double least_growth = 1.1, least_influence = 0.5;
+/// Shares of the frames that are mixed ones, and of these that blink.
 inline constexpr double mixed_lids = 0.75, blinking_lids = 0.5;
 
 /// Gaussians of a face at rest, with the inputs of its networks by expression.
@@ -116,19 +118,12 @@ FacePart<T> whole_face(const B& backend, const FaceStream<T, E>& face, const Ava
     return all;
 }
 
-/// Returns the expression with these coefficients at 0.
-template <class T>
-VecX<T> with_open_lids(VecX<T> expression, const std::vector<Index>& blinks) {
-    for (const Index k : blinks) expression[k] = T(0);
-    return expression;
-}
-
 /// Returns how far apart points are in one frame relative to another: for each point the mean of
-/// the squared distances to its neighbours, at least 1 and at most `most`. Columns of both are the
-/// points, then neighbours; near: places of the four of each of `count` points.
+/// the squared distances to its neighbours, at least 1 and at most `most`. near: columns of the
+/// four neighbours of the first points.
 template <class T>
 std::vector<double> growth_of(const Columns<T>& apart, const Columns<T>& before,
-                              const std::vector<std::array<Index, 4>>& near, double most) {
+                              const NeighbourGraph& near, double most) {
     std::vector<double> growth(near.size());
     for (std::size_t k = 0; k < near.size(); ++k) {
         double now = 0, then = 0;
@@ -142,6 +137,208 @@ std::vector<double> growth_of(const Columns<T>& apart, const Columns<T>& before,
     return growth;
 }
 
+/// Gaussians that a whole blink moves apart, and others that the expression moves.
+struct LidPoints {
+    std::vector<Index> lids, others;
+    std::vector<Index> around; ///< the lids, then their neighbours that are not among them
+    NeighbourGraph near;       ///< places in `around` of the neighbours of each lid's
+
+    template <class T>
+    LidPoints(const std::vector<Index>& moved, const Columns<T>& influence,
+              const std::vector<double>& growth, const NeighbourGraph& graph) {
+        for (const Index i : moved) {
+            const bool lid = growth[static_cast<std::size_t>(i)] > least_growth &&
+                             influence(0, i) >= T(least_influence);
+            (lid ? lids : others).push_back(i);
+        }
+        around = lids;
+        std::vector<Index> place(graph.size(), -1);
+        for (std::size_t k = 0; k < lids.size(); ++k)
+            place[static_cast<std::size_t>(lids[k])] = static_cast<Index>(k);
+        for (const Index i : lids) {
+            std::array<Index, 4> places = graph[static_cast<std::size_t>(i)];
+            for (Index& j : places) {
+                Index& at = place[static_cast<std::size_t>(j)];
+                if (at < 0) {
+                    at = static_cast<Index>(around.size());
+                    around.push_back(j);
+                }
+                j = at;
+            }
+            near.push_back(places);
+        }
+    }
+};
+
+/// Fit of a face's lids.
+template <class T, EffectSet E, Backend B>
+class LidFitter {
+    using Network = NetworkOf<T, E>;
+
+  public:
+    /// Keeps references to its arguments.
+    LidFitter(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
+              const LandmarkRoles& roles, const LidFrames<T>& frames, const LidFit& fit)
+        : backend_(backend),
+          fit_(fit),
+          frames_(frames),
+          gain_(T(config.attribute_scale)),
+          reach_(T(config.deform_scale)),
+          eyes_(lid_eyeballs(avatar.eyes)),
+          all_(whole_face<T>(backend, avatar.face, config, roles)),
+          attributes_before_(avatar.face.exp_attributes),
+          deform_before_(avatar.face.networks.exp_deform),
+          points_(find_points()),
+          around_(all_.of(points_.around)),
+          attributes_(attributes_before_),
+          deform_(deform_before_),
+          g_attributes_(zeros_like(attributes_)),
+          g_deform_(zeros_like(deform_)),
+          adam_attributes_(attributes_),
+          adam_deform_(deform_) {}
+
+    const LidPoints& points() const { return points_; }
+    const Network& attributes() const { return attributes_; }
+    const Network& deform() const { return deform_; }
+
+    template <class Mixed>
+    void step(int number, const Mixed& mixed) {
+        set_zero(backend_.threads, g_attributes_);
+        set_zero(backend_.threads, g_deform_);
+        reported_ = number >= fit_.steps - std::max(1, fit_.steps / 10);
+        for (int b = 0; b < fit_.batch; ++b) {
+            const auto key = static_cast<std::uint64_t>(number) *
+                                 static_cast<std::uint64_t>(fit_.batch) +
+                             static_cast<std::uint64_t>(b);
+            const Random random = fit_.random.fork(key);
+            add_frame(expression(random, mixed), random);
+        }
+        const double decay = std::pow(0.05, static_cast<double>(number) / fit_.steps);
+        const auto by = [&](double rate) {
+            return [rate](const std::string&) { return rate; };
+        };
+        adam_step(backend_, attributes_, g_attributes_, adam_attributes_, by(fit_.rate * decay));
+        adam_step(backend_, deform_, g_deform_, adam_deform_, by(fit_.deform_rate * decay));
+    }
+
+    FittedLids result() const {
+        const auto root = [&](const LidErrors& squares) {
+            return LidErrors{std::sqrt(squares.attributes / seen_),
+                             std::sqrt(squares.place / seen_)};
+        };
+        return {static_cast<Index>(points_.lids.size()), root(lids_), root(others_)};
+    }
+
+  private:
+    /// Returns where an expression takes points, by the networks as they were.
+    Columns<T> displaced(const FacePart<T>& part, const VecX<T>& expression) const {
+        Columns<T> to = part.position;
+        FieldTrace<T> trace;
+        add_field(backend_, Field{deform_before_, Squash::tanh, reach_},
+                  {part.code, part.influence, expression}, to, trace);
+        return to;
+    }
+    /// Returns the steps of attributes, likewise.
+    Columns<T> steps_before(const FacePart<T>& part, const VecX<T>& expression) const {
+        Columns<T> to = Columns<T>::Zero(8, part.position.cols());
+        FieldTrace<T> trace;
+        add_field(backend_, Field{attributes_before_, Squash::none, gain_},
+                  {part.feature, part.influence, expression}, to, trace);
+        return to;
+    }
+    VecX<T> with_lids_at(VecX<T> expression, double weight) const {
+        for (const Index k : frames_.blinks) expression[k] = T(weight);
+        return expression;
+    }
+
+    LidPoints find_points() const {
+        const NeighbourGraph graph = four_nearest_by_grid(backend_, all_.position);
+        const VecX<T> open = VecX<T>::Zero(frames_.expressions.front().size());
+        const std::vector<double> growth =
+            growth_of<T>(displaced(all_, with_lids_at(open, frames_.whole)),
+                         displaced(all_, open), graph, fit_.most);
+        return {influenced(backend_, all_.influence), all_.influence, growth, graph};
+    }
+
+    template <class Mixed>
+    VecX<T> expression(const Random& random, const Mixed& mixed) const {
+        if (random.uniform(1) >= mixed_lids)
+            return frames_.expressions[static_cast<std::size_t>(
+                random.below(0, static_cast<Index>(frames_.expressions.size())))];
+        const VecX<T> drawn = mixed(random.fork(1));
+        if (random.uniform(2) >= blinking_lids) return drawn;
+        return with_lids_at(drawn, frames_.whole * std::sqrt(random.uniform(3)));
+    }
+
+    /// Adds the gradients of a frame.
+    void add_frame(const VecX<T>& expression, const Random& random) {
+        const VecX<T> open = with_lids_at(expression, 0);
+        const Columns<T> resting = displaced(around_, open);
+        Columns<T> closing = displaced(around_, expression);
+        move_out_of_eyeballs(eyes_, fit_.clear, resting, closing);
+        const std::vector<double> growth =
+            growth_of<T>(closing, resting, points_.near, fit_.most);
+
+        const auto count = static_cast<Index>(points_.lids.size());
+        const auto rest = static_cast<Index>(points_.others.size());
+        std::vector<Index> which = points_.lids;
+        for (Index k = 0; k < std::min(fit_.others, rest); ++k)
+            which.push_back(points_.others[static_cast<std::size_t>(
+                random.below(4 + static_cast<std::uint64_t>(k), rest))]);
+        const FacePart<T> part = all_.of(which);
+        Columns<T> steps = steps_before(part, expression);
+        const Columns<T> at_rest = steps_before(part, open);
+        for (Index i = 0; i < count; ++i)
+            for (Index k = 0; k < 3; ++k) { // pictures of lids that close have taught some of it
+                const T grown = at_rest(k, i) + T(std::log(growth[static_cast<std::size_t>(i)]));
+                steps(k, i) = std::max(steps(k, i), grown);
+            }
+        Columns<T> places = displaced(part, expression);
+        places.leftCols(count) = closing.leftCols(count);
+
+        pull(Field{attributes_, Squash::none, gain_}, {part.feature, part.influence, expression},
+             steps, Columns<T>::Zero(8, part.position.cols()), &LidErrors::attributes,
+             g_attributes_);
+        pull(Field{deform_, Squash::tanh, reach_}, {part.code, part.influence, expression}, places,
+             part.position, &LidErrors::place, g_deform_);
+        if (reported_) ++seen_;
+    }
+
+    /// Adds the gradient of the mean squared difference of what a field is added to from `wanted`.
+    template <class A>
+    void pull(const Field<T, A>& field, const FieldInput<T>& input, const Columns<T>& wanted,
+              Columns<T> sum, double LidErrors::* error, Network& gradient) {
+        FieldTrace<T> trace;
+        add_field(backend_, field, input, sum, trace);
+        sum -= wanted;
+        const auto count = static_cast<Index>(points_.lids.size()), rest = sum.cols() - count;
+        if (reported_) {
+            const auto mean = [](const auto& part) {
+                return static_cast<double>(part.squaredNorm()) / static_cast<double>(part.size());
+            };
+            lids_.*error += mean(sum.leftCols(count));
+            others_.*error += mean(sum.rightCols(rest));
+        }
+        const Columns<T> g = T(2.0 / (fit_.batch * static_cast<double>(sum.cols()))) * sum;
+        field_vjp(backend_, field, {input.lambda, input.frame, trace}, g, {&gradient});
+    }
+
+    const B& backend_;
+    const LidFit& fit_;
+    const LidFrames<T>& frames_;
+    T gain_, reach_; ///< of the fields
+    LidEyeballs<T> eyes_;
+    FacePart<T> all_;
+    Network attributes_before_, deform_before_;
+    LidPoints points_;
+    FacePart<T> around_;
+    Network attributes_, deform_, g_attributes_, g_deform_;
+    Adam<Network> adam_attributes_, adam_deform_;
+    bool reported_ = false;
+    LidErrors lids_, others_; ///< sums of squares
+    double seen_ = 0;         ///< frames in these
+};
+
 } // namespace detail
 
 /// Fits exp_attributes and exp_deform of the face. `mixed` returns the expression of a mixed frame
@@ -152,146 +349,15 @@ template <Real T, EffectSet E, Backend B, class Mixed>
 FittedLids fit_lids(const B& backend, TwoStream<T, E>& avatar, const AvatarConfig& config,
                     const LandmarkRoles& roles, const std::type_identity_t<LidFrames<T>>& frames,
                     const Mixed& mixed, const LidFit& fit) {
-    FaceStream<T, E>& face = avatar.face;
-    const std::vector<Index>& blinks = frames.blinks;
-    const std::vector<VecX<T>>& expressions = frames.expressions;
-    const LidEyeballs<T> eyes = lid_eyeballs(avatar.eyes);
-    FittedLids result;
-    if (fit.steps == 0 || blinks.empty() || !(frames.whole > 0) || face.position.cols() < 5)
-        return result;
-    const detail::FacePart<T> all = detail::whole_face<T>(backend, face, config, roles);
-    const NeighbourGraph graph = four_nearest_by_grid(backend, face.position);
-    const auto displaced = [&](const detail::FacePart<T>& part, const VecX<T>& expression) {
-        Columns<T> to = part.position;
-        FieldTrace<T> trace;
-        add_field(backend,
-                  Field{face.networks.exp_deform, Squash::tanh, T(config.deform_scale)},
-                  {part.code, part.influence, expression}, to, trace);
-        return to;
-    };
-
-    // Points that a whole blink moves apart, and their neighbours.
-    std::vector<Index> lids, others;
-    VecX<T> closed = VecX<T>::Zero(expressions.front().size());
-    for (const Index k : blinks) closed[k] = T(frames.whole);
-    const std::vector<double> by_blink =
-        detail::growth_of<T>(displaced(all, closed),
-                             displaced(all, detail::with_open_lids(closed, blinks)), graph, fit.most);
-    for (const Index i : influenced(backend, all.influence))
-        (by_blink[static_cast<std::size_t>(i)] > detail::least_growth ? lids : others).push_back(i);
-    result.points = static_cast<Index>(lids.size());
-    if (lids.empty() || others.empty()) return result;
-    std::vector<Index> with_neighbours = lids, place(graph.size(), -1);
-    for (std::size_t k = 0; k < lids.size(); ++k)
-        place[static_cast<std::size_t>(lids[k])] = static_cast<Index>(k);
-    std::vector<std::array<Index, 4>> near(lids.size());
-    for (std::size_t k = 0; k < lids.size(); ++k)
-        for (std::size_t n = 0; n < 4; ++n) {
-            const Index j = graph[static_cast<std::size_t>(lids[k])][n];
-            Index& at = place[static_cast<std::size_t>(j)];
-            if (at < 0) {
-                at = static_cast<Index>(with_neighbours.size());
-                with_neighbours.push_back(j);
-            }
-            near[k][n] = at;
-        }
-    const detail::FacePart<T> around = all.of(with_neighbours);
-    const Index count = result.points, rest = std::min(fit.others,
-                                                       static_cast<Index>(others.size()));
-
-    using Network = std::remove_cvref_t<decltype(face.exp_attributes)>;
-    const Network before = face.exp_attributes;
-    const T gain = T(config.attribute_scale), reach = T(config.deform_scale);
-    Network attributes = before, deform = face.networks.exp_deform;
-    Network g_attributes = zeros_like(attributes), g_deform = zeros_like(deform);
-    Adam<Network> adam_attributes(attributes), adam_deform(deform);
-    LidErrors lid_squares, other_squares;
-    double seen = 0;
-    for (int step = 0; step < fit.steps; ++step) {
-        set_zero(backend.threads, g_attributes);
-        set_zero(backend.threads, g_deform);
-        const bool reported = step >= fit.steps - std::max(1, fit.steps / 10);
-        for (int b = 0; b < fit.batch; ++b) {
-            const Random random = fit.random.fork(static_cast<std::uint64_t>(step) *
-                                                      static_cast<std::uint64_t>(fit.batch) +
-                                                  static_cast<std::uint64_t>(b));
-            VecX<T> expression = expressions[static_cast<std::size_t>(
-                random.below(0, static_cast<Index>(expressions.size())))];
-            if (random.uniform(1) < detail::mixed_lids) {
-                expression = mixed(random.fork(1));
-                if (random.uniform(2) < detail::blinking_lids)
-                    for (const Index k : blinks)
-                        expression[k] = T(frames.whole * std::sqrt(random.uniform(3)));
-            }
-            const VecX<T> open = detail::with_open_lids(expression, blinks);
-            const Columns<T> resting = displaced(around, open);
-            Columns<T> closing = displaced(around, expression);
-            move_out_of_eyeballs(eyes, fit.clear, resting, closing);
-            const std::vector<double> growth =
-                detail::growth_of<T>(closing, resting, near, fit.most);
-
-            std::vector<Index> which = lids;
-            for (Index k = 0; k < rest; ++k)
-                which.push_back(others[static_cast<std::size_t>(
-                    random.below(4 + static_cast<std::uint64_t>(k),
-                                 static_cast<Index>(others.size())))]);
-            const detail::FacePart<T> part = all.of(which);
-            const Index n = count + rest;
-            const T share = T(2.0 / (static_cast<double>(fit.batch) * static_cast<double>(n)));
-            FieldTrace<T> trace;
-            // Adds the gradient of the mean squared difference of a field's sum from what is wanted.
-            const auto pull = [&](const Network& network, Squash squash, T by,
-                                  const Columns<T>& inputs, const Columns<T>& wanted, Columns<T> sum,
-                                  double LidErrors::* error, Network& gradient) {
-                const Field field{network, squash, by};
-                add_field(backend, field, {inputs, part.influence, expression}, sum, trace);
-                sum -= wanted;
-                if (reported) {
-                    const double rows = static_cast<double>(sum.rows());
-                    lid_squares.*error += static_cast<double>(sum.leftCols(count).squaredNorm()) /
-                                          (rows * static_cast<double>(count));
-                    other_squares.*error += static_cast<double>(sum.rightCols(rest).squaredNorm()) /
-                                            (rows * static_cast<double>(rest));
-                }
-                const Columns<T> g = share * sum;
-                field_vjp(backend, field, {part.influence, expression, trace}, g, {&gradient});
-            };
-            const auto steps_before = [&](const VecX<T>& code) {
-                Columns<T> sum = Columns<T>::Zero(8, n);
-                add_field(backend, Field{before, Squash::none, gain},
-                          {part.feature, part.influence, code}, sum, trace);
-                return sum;
-            };
-            Columns<T> wanted = steps_before(expression);
-            const Columns<T> at_rest = steps_before(open);
-            for (Index i = 0; i < count; ++i)
-                for (Index k = 0; k < 3; ++k) // pictures of lids that close have taught some of it
-                    wanted(k, i) = std::max(
-                        wanted(k, i),
-                        at_rest(k, i) + T(std::log(growth[static_cast<std::size_t>(i)])));
-            pull(attributes, Squash::none, gain, part.feature, wanted, Columns<T>::Zero(8, n),
-                 &LidErrors::attributes, g_attributes);
-            Columns<T> places = displaced(part, expression);
-            places.leftCols(count) = closing.leftCols(count);
-            pull(deform, Squash::tanh, reach, part.code, places, part.position, &LidErrors::place,
-                 g_deform);
-            if (reported) ++seen;
-        }
-        const double decay = std::pow(0.05, static_cast<double>(step) / fit.steps);
-        const auto by = [&](double rate) {
-            return [rate](const std::string&) { return rate; };
-        };
-        adam_step(backend, attributes, g_attributes, adam_attributes, by(fit.rate * decay));
-        adam_step(backend, deform, g_deform, adam_deform, by(fit.deform_rate * decay));
-    }
-    face.exp_attributes = std::move(attributes);
-    face.networks.exp_deform = std::move(deform);
-    const auto root = [&](const LidErrors& squares) {
-        return LidErrors{std::sqrt(squares.attributes / seen), std::sqrt(squares.place / seen)};
-    };
-    result.lids = root(lid_squares);
-    result.others = root(other_squares);
-    return result;
+    if (fit.steps == 0 || frames.blinks.empty() || !(frames.whole > 0) ||
+        avatar.face.position.cols() < 5)
+        return {};
+    detail::LidFitter<T, E, B> fitter(backend, avatar, config, roles, frames, fit);
+    if (fitter.points().lids.empty() || fitter.points().others.empty()) return {};
+    for (int step = 0; step < fit.steps; ++step) fitter.step(step, mixed);
+    avatar.face.exp_attributes = fitter.attributes();
+    avatar.face.networks.exp_deform = fitter.deform();
+    return fitter.result();
 }
 
 } // namespace rye

@@ -272,9 +272,9 @@ double landmark_noise(const B& backend, const InfluenceInput<T>& neutral,
 /// Returns a frame that `frames` do not show, with the landmarks of the regression: each
 /// coefficient of the expression is that of one of two frames, or 0; if its shape is known, one in
 /// eight is any coefficient of any frame, and one in eight is any number up to the largest that a
-/// frame has, so that coefficients that no frame has occur too. In 3 of 10 frames lids close, by any
-/// share up to whole_blink, both alike but for one in five: most captures hardly blink. Each eye
-/// looks as in a frame of its own, up to 1.3 times as far aside. Poses are those of the first
+/// frame has, so that coefficients that no frame has occur too. In 3 of 10 frames lids close, by
+/// any share up to whole_blink, both alike but for one in five: most captures hardly blink. Each
+/// eye looks as in a frame of its own, up to 1.3 times as far aside. Poses are those of the first
 /// frame. `random`: for this frame alone.
 template <class T, EffectSet E>
 MeshSample<T, E> mixed_frame(const std::vector<MeshSample<T, E>>& frames,
