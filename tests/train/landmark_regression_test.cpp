@@ -287,7 +287,9 @@ TEST_CASE("mixed frames blink, wholly where shapes are known, else as far as a f
         CAPTURE(known);
         RegressionConfig prior;
         prior.blinks = {1, 2};
-        if (known) prior.expression_shapes = Columns<double>::Zero(coefficients, 3 * subject.neutral.cols());
+        if (known)
+            prior.expression_shapes =
+                Columns<double>::Zero(coefficients, 3 * subject.neutral.cols());
         const LandmarkRegression r = subject.regression(frames, prior);
         const double whole = known ? 1 : largest;
         CHECK(r.whole_blink == whole);

@@ -141,7 +141,7 @@ std::vector<double> growth_of(const Columns<T>& apart, const Columns<T>& before,
 struct LidPoints {
     std::vector<Index> lids, others;
     std::vector<Index> around; ///< the lids, then their neighbours that are not among them
-    NeighbourGraph near;       ///< places in `around` of the neighbours of each lid's
+    NeighbourGraph near;       ///< places in `around` of the neighbours of each lid
 
     template <class T>
     LidPoints(const std::vector<Index>& moved, const Columns<T>& influence,
