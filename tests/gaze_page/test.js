@@ -6,7 +6,6 @@
 "use strict";
 
 const fs = require("node:fs");
-const os = require("node:os");
 const path = require("node:path");
 const { Browser, serve } = require("../../examples/video_tracker/browser.js");
 const { fromDisk, sum } = require("./from_disk.js");
@@ -150,8 +149,9 @@ async function main() {
         figure("share of the Gaussians that one eye's gaze moves", (alone / facts.g).toFixed(3),
                alone > 0 && alone < moved.gaussians, "above 0, below that of both");
 
-        // Frames of gazes alone, both eyes at once: the best of several short runs. Beside other busy
-        // programs this says nothing about the page.
+        // Frames of gazes alone, both eyes at once: the best of several short runs. How many a second
+        // is the processor's matter as much as the page's; what is bounded, below, is their share of the
+        // time of a frame of another expression.
         const runs = await b.evaluate(`(async () => {
             const all = [];
             for (let run = 0; run < 20; ++run) {
@@ -166,15 +166,9 @@ async function main() {
             return all;
         })()`);
         const best = Math.max(...runs.map((r) => r[0])), ms = Math.min(...runs.map((r) => r[1]));
-        const load = os.loadavg()[0], processors = os.cpus().length;
-        if (best < 30 && load > processors + 0.5)
-            console.log(`not run: gaze_page: frames a second (${best.toFixed(1)}): a load of ` +
-                        `${load.toFixed(1)} on ${processors} processors`);
-        else
-            figure("gaze-only frames a second at 256 x 256, best of 20 runs", best.toFixed(1), best >= 30,
-                   "at least 30");
         const sorted = runs.map((r) => r[0]).sort((x, y) => x - y);
-        console.log(`the runs: median ${sorted[10].toFixed(1)}, least ${sorted[0].toFixed(1)}; ` +
+        console.log(`gaze-only frames a second at 256 x 256, of 20 runs: best ${best.toFixed(1)}, ` +
+                    `median ${sorted[10].toFixed(1)}, least ${sorted[0].toFixed(1)}; ` +
                     `in WebAssembly, best [ms a frame]: ${ms.toFixed(2)}`);
         const others = await b.evaluate(`(async () => {
             const best = async (parts) => {
@@ -184,8 +178,18 @@ async function main() {
             };
             const v = gazePage.avatar, e0 = [...v.expression];
             const result = {};
-            result.left = await best((i) => ({ gaze: [0, 0.01 * (i + 1), 0, 0] }));
-            result.expression = await best((i) => ({ expression: e0.map((x, k) => x + (k === 0 ? 0.01 * (i + 1) : 0)) }));
+            // In turn, since a machine's speed changes from second to second.
+            const face = [], both = [], left = [];
+            for (let i = 1; i <= 15; ++i) {
+                face.push((await gazePage.show({ expression: e0.map((x, k) => x + (k === 0 ? 0.01 * i : 0)) }, 256)).ms);
+                both.push((await gazePage.show({ gaze: [0.1, 0.01 * i, 0.1, 0.01 * i] }, 256)).ms);
+                left.push((await gazePage.show({ gaze: [0.1, 0.01 * i + 0.005, 0.1, 0.01 * i] }, 256)).ms);
+            }
+            const share = (ms) => ms.map((t, i) => t / face[i]).sort((x, y) => x - y)[7];
+            result.expression = Math.min(...face);
+            result.gaze = Math.min(...both);
+            result.left = Math.min(...left);
+            result.shares = [share(both), share(left)];
             await gazePage.show({ expression: e0 });
             result.head = await best((i) => ({ pose: v.pose.map((x, k) => x + (k === 1 ? 0.01 * (i + 1) : 0)) }));
             await gazePage.show({ pose: v.pose });
@@ -194,8 +198,11 @@ async function main() {
             await gazePage.show({ motion: orbit.motion() });
             return result;
         })()`);
-        for (const [what, least] of Object.entries(others))
-            console.log(`least time of a frame that changes the ${what} [ms]: ${least.toFixed(2)}`);
+        for (const what of ["gaze", "left", "expression", "head", "camera"])
+            console.log(`least time of a frame that changes the ${what} [ms]: ${others[what].toFixed(2)}`);
+        figure("time of a frame of both eyes, of one, share of one of another expression",
+               others.shares.map((x) => x.toFixed(3)).join(", "), others.shares[0] < 0.8 && others.shares[1] < 0.4,
+               "below 0.8, 0.4");
 
         // Sliders, a drag, a narrow window.
         const slid = await b.evaluate(`(() => {
