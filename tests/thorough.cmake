@@ -153,7 +153,7 @@ if(TARGET rye_program)
               $<TARGET_FILE:lesson_09_draw_from_c> ${CMAKE_CURRENT_BINARY_DIR}/export_avatar)
     set_tests_properties(export_avatar PROPERTIES TIMEOUT 600)
   endif()
-  # It measures frames a second.
+  # It measures how long frames take.
   rye_check(gaze_page gaze_page/gaze_page.sh $<TARGET_FILE:rye_program>
             ${CMAKE_CURRENT_BINARY_DIR}/gaze_page)
   set_tests_properties(gaze_page PROPERTIES RUN_SERIAL ON TIMEOUT 900 SKIP_RETURN_CODE 77)
