@@ -5,6 +5,7 @@
 
 #include "../cuda/cases.hpp"
 #include "../cuda/emulated.hpp"
+#include "../cuda/jvp_cases.hpp"
 
 using namespace rye;
 using namespace rye::test;
@@ -59,6 +60,18 @@ TEST_CASE("cuda, emulated: channels as products of matrices") {
 }
 TEST_CASE("cuda, emulated: equal colours have no gradient of shape") {
     equal_colours<Three>(EmulatedDevice{}, host_queue, 3);
+}
+TEST_CASE("cuda, emulated: derivatives in directions") {
+    const EmulatedDevice device{PhaseOrder::shuffled};
+    const Scenery<float> s = random_scene<float>(200, 3, 5);
+    jvp_against<double, Three>(device, host_queue, s, Balanced(), 5);
+    jvp_against<float, Three>(device, host_queue, s, Compatible3dgsFloor(), 3);
+    for (const Index c : {5, 16, 20})
+        jvp_against<double, KernelChannels<16>>(
+            device, host_queue, random_scene<float>(150, c, 5), Balanced(), 4);
+    for (const auto& hard : hard_scenes<float>(3))
+        jvp_against<float, Three>(device, host_queue, hard, Balanced(), 2);
+    bad_directions(device, host_queue);
 }
 TEST_CASE("cuda, emulated: colours from harmonics are the host's") {
     const Index n = 150;

@@ -5,32 +5,12 @@
 
 #include <doctest/doctest.h>
 
-#include "../support/scenes.hpp"
+#include "../support/directions.hpp"
 
 using namespace rye;
 using namespace rye::test;
 
 namespace {
-
-/// A direction in the camera's parameters.
-template <class T>
-Pinhole<T> camera_direction(std::uint64_t seed) {
-    const Random random{seed, 5};
-    std::uint64_t k = 0;
-    const auto any = [&] { return static_cast<T>(random.normal(k++)); };
-    Pinhole<T> c;
-    c.fx = any(), c.fy = any(), c.cx = any(), c.cy = any();
-    for (int i = 0; i < 9; ++i) c.camera_from_world.rotation.data()[i] = T(0.1) * any();
-    for (int i = 0; i < 3; ++i) c.camera_from_world.translation[i] = T(0.1) * any();
-    return c;
-}
-
-template <class T>
-Gaussians<T> direction(const Scenery<T>& s, std::uint64_t seed) {
-    Gaussians<T> v = noise_like(s.gaussians, seed);
-    v.scale = v.scale.cwiseProduct(s.gaussians.scale);
-    return v;
-}
 
 template <class T>
 double difference(const Columns<T>& a, const Columns<T>& b) {

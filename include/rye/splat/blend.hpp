@@ -223,16 +223,23 @@ struct Blend {
         }
     }
 
-    /// Returns the derivative of `take` in a direction, for contribution c, which it returned: from
-    /// the tangents of the exponent and of the floor to that of the weight; `transmittance_tangent`
-    /// becomes that of what is behind. What is clamped, or not taken, does not move.
-    [[gnu::always_inline]] RYE_HD V take_jvp(const Contribution<V>& c, const V& exponent_tangent,
-                                             [[maybe_unused]] const V& floor_tangent,
-                                             V& transmittance_tangent) const {
+    /// Returns the derivative of alpha in a direction, for contribution c, which `take` returned:
+    /// from the tangents of the exponent and of the floor. What is clamped, or not taken, does not
+    /// move.
+    [[gnu::always_inline]] RYE_HD V alpha_jvp(const Contribution<V>& c, const V& exponent_tangent,
+                                              [[maybe_unused]] const V& floor_tangent) const {
         V alpha = V(R(0.69314718055994530942)) * c.bell * exponent_tangent;
         if constexpr (A::has_floor) alpha = alpha - floor_tangent;
         alpha = Pixels::when(c.alpha < alpha_max, alpha);
-        alpha = Pixels::when(Pixels::settled(c.weight > V(R(0))), alpha);
+        return Pixels::when(Pixels::settled(c.weight > V(R(0))), alpha);
+    }
+
+    /// Returns the derivative of the weight that `take` returned; `transmittance_tangent` becomes
+    /// that of what is behind.
+    [[gnu::always_inline]] RYE_HD V take_jvp(const Contribution<V>& c, const V& exponent_tangent,
+                                             const V& floor_tangent,
+                                             V& transmittance_tangent) const {
+        const V alpha = alpha_jvp(c, exponent_tangent, floor_tangent);
         const V weight = alpha * c.before + c.alpha * transmittance_tangent;
         transmittance_tangent = transmittance_tangent - weight;
         return weight;

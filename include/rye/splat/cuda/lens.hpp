@@ -8,34 +8,34 @@
 
 namespace rye {
 
-/// The numbers of a lens that bends.
-template <class D>
+/// The numbers T of a lens that bends.
+template <class D, class T>
 struct LensNumbers {
     D distortion;
-    float fold;
+    T fold;
 
-    explicit LensNumbers(const Projector<float, D>& p)
+    explicit LensNumbers(const Projector<T, D>& p)
         : distortion(p.distortion),
           fold(p.reach.fold) {}
-    RYE_HD void put(Projector<float, D>& p) const {
+    RYE_HD void put(Projector<T, D>& p) const {
         p.distortion = distortion;
         p.reach.fold = fold;
     }
 };
-template <>
-struct LensNumbers<NoDistortion> {
-    explicit LensNumbers(const Projector<float, NoDistortion>&) {}
-    RYE_HD void put(Projector<float, NoDistortion>&) const {}
+template <class T>
+struct LensNumbers<NoDistortion, T> {
+    explicit LensNumbers(const Projector<T, NoDistortion>&) {}
+    RYE_HD void put(Projector<T, NoDistortion>&) const {}
 };
 
-/// A camera as kernels take it: projection and lens D in plain numbers.
-template <class D>
+/// A camera as kernels take it: projection and lens D in plain numbers T, floats or duals of them.
+template <class D, class T = float>
 struct DeviceLens {
-    float rotation[9], translation[3];
-    float fx, fy, x_low, x_high, y_low, y_high, near_depth, dilation;
-    LensNumbers<D> lens;
+    T rotation[9], translation[3];
+    T fx, fy, x_low, x_high, y_low, y_high, near_depth, dilation;
+    LensNumbers<D, T> lens;
 
-    explicit DeviceLens(const Projector<float, D>& p)
+    explicit DeviceLens(const Projector<T, D>& p)
         : fx(p.fx),
           fy(p.fy),
           x_low(p.x_low),
@@ -51,11 +51,11 @@ struct DeviceLens {
 
     /// Memory of a Projector, which is put together from numbers.
     union Held {
-        Projector<float, D> projector;
+        Projector<T, D> projector;
         RYE_HD Held() {}
     };
     RYE_HD void put(Held& to) const {
-        Projector<float, D>& p = to.projector;
+        Projector<T, D>& p = to.projector;
         for (int k = 0; k < 9; ++k) p.camera_from_world.rotation.data()[k] = rotation[k];
         for (int k = 0; k < 3; ++k) p.camera_from_world.translation[k] = translation[k];
         p.fx = fx;

@@ -8,9 +8,11 @@
 #pragma once
 
 #include <limits>
+#include <span>
 #include <string>
 
 #include <rye/splat/cuda/blend.hpp>
+#include <rye/splat/cuda/jvp.hpp>
 #include <rye/splat/cuda/lists.hpp>
 #include <rye/splat/cuda/merge.hpp>
 #include <rye/splat/cuda/reverse.hpp>
@@ -254,6 +256,41 @@ struct DeviceRasterizer {
         });
     }
 
+    /// Puts the derivatives of the frame's last render in some directions on the stream: their
+    /// images get the tangents of feature, alpha and depth. `splats` is memory for the calls to
+    /// come, which the stream's work uses.
+    template <Distortion D>
+    void jvp_into(const CudaQueue& queue, const DeviceGaussians<const float>& g,
+                  std::span<const DeviceDirection<D>> directions, const Pinhole<float, D>& camera,
+                  const float* background, DeviceBuffer<SplatRecord>& splats,
+                  const Frame& frame) const {
+        require(frame.for_vjp, "rasterizer",
+                "got a frame that keeps nothing for a jvp, expected one that does");
+        for (const DeviceDirection<D>& d : directions) check(g, d, camera);
+        splats.reserve(queue, 2 * static_cast<std::size_t>(g.count()) + 2);
+        const auto walk = [&](auto K, std::size_t at) {
+            WalkedDirection walked[K()];
+            for (std::size_t k = 0; k < K(); ++k) {
+                const DeviceDirection<D>& d = directions[at + k];
+                SplatRecord* const out = splats.data() + k * static_cast<std::size_t>(g.count());
+                project_tangents(queue, g, d, camera, out, frame);
+                walked[k] = {out, d.gaussians.feature, d.camera != nullptr ? d.camera->cx : 0.0F,
+                             d.camera != nullptr ? d.camera->cy : 0.0F, d.images};
+            }
+            each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
+                TangentKernel<A, C(), K()> kernel{
+                    frame.m, scene(g, background, camera, first, channels), accuracy, {}};
+                std::copy_n(walked, K(), kernel.direction);
+                frame.device.launch(queue, Index(frame.m.tiles) * tile_strips, kernel);
+            });
+        };
+        std::size_t at = 0;
+        if (g.channels() <= 4)
+            for (; at + 2 <= directions.size(); at += 2)
+                walk(std::integral_constant<int, 2>(), at);
+        for (; at < directions.size(); ++at) walk(std::integral_constant<int, 1>(), at);
+    }
+
     /// Puts the gradient of the background on the stream, a number a channel; `partial` has room
     /// for background_numbers numbers.
     void background_vjp_into(const CudaQueue& queue, const DeviceColumns<const float>& g_feature,
@@ -275,6 +312,20 @@ struct DeviceRasterizer {
             Projector<float, D>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
     }
     template <Distortion D>
+    void project_tangents(const CudaQueue& queue, const DeviceGaussians<const float>& g,
+                          const DeviceDirection<D>& direction, const Pinhole<float, D>& camera,
+                          SplatRecord* out, const Frame& frame) const {
+        using Number = Dual<float, 1>;
+        const auto moving = dual_camera<float>(camera, direction.camera);
+        using Lens = std::remove_cvref_t<decltype(moving.distortion)>;
+        const Projector<Number, Lens> projector(moving, accuracy.frustum_margin,
+                                                screen_dilation(accuracy));
+        frame.device.launch(queue, frame.m.blocks,
+                            ProjectTangentsKernel<A, Lens>{g, direction.gaussians,
+                                                           DeviceLens<Lens, Number>(projector),
+                                                           accuracy, frame.m, out});
+    }
+    template <Distortion D>
     static DeviceScene scene(const DeviceGaussians<const float>& g, const float* background,
                              const Pinhole<float, D>& camera, Index first, int channels) {
         return {g.feature, background, first,        channels,
@@ -293,14 +344,27 @@ struct DeviceRasterizer {
         });
     }
 
+    static void shaped(const char* name, Index rows, Index cols, Index want_rows, Index want) {
+        require(rows == want_rows && cols == want, "rasterizer", "got ", name, " of ", rows, " x ",
+                cols, ", expected ", want_rows, " x ", want);
+    }
+    template <Distortion D>
+    static void check(const DeviceGaussians<const float>& g, const DeviceDirection<D>& d,
+                      const Pinhole<float, D>& camera) {
+        const auto moved = [](const char* name, const DeviceColumns<const float>& x,
+                              const DeviceColumns<const float>& dx) {
+            if (dx.data != nullptr) shaped(name, dx.rows, dx.cols, x.rows, x.cols);
+        };
+        moved("tangent of mean", g.mean, d.gaussians.mean);
+        moved("tangent of rotation", g.rotation, d.gaussians.rotation);
+        moved("tangent of scale", g.scale, d.gaussians.scale);
+        moved("tangent of opacity", g.opacity, d.gaussians.opacity);
+        moved("tangent of feature", g.feature, d.gaussians.feature);
+        check(g, camera, d.images);
+    }
     template <Distortion D>
     static void check(const DeviceGaussians<const float>& g, const Pinhole<float, D>& camera,
                       const DeviceImages& images) {
-        const auto shaped = [&](const char* name, Index rows, Index cols, Index want_rows,
-                                Index want) {
-            require(rows == want_rows && cols == want, "rasterizer", "got ", name, " of ", rows,
-                    " x ", cols, ", expected ", want_rows, " x ", want);
-        };
         const Index n = g.count();
         shaped("mean", g.mean.rows, g.mean.cols, 3, n);
         shaped("rotation", g.rotation.rows, g.rotation.cols, 4, n);

@@ -35,11 +35,21 @@ struct StripOutput {
     template <class W>
     RYE_DEVICE void write(StripSums<W, A, C>& s, std::uint32_t tile, int w,
                           [[maybe_unused]] std::uint32_t begin) const {
-        using F = typename W::F;
-        using U = typename W::U;
-        const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
         repeated<8>(
             [&](auto j) { s.transmittance[j] = W::max(s.transmittance[j], -s.transmittance[j]); });
+        const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
+        write_sums<W>(s, pixels, 1.0F);
+        if constexpr (A::outputs.contributor)
+            if (scene.first_channel == 0) contributors<W>(s, pixels, begin);
+    }
+
+    /// Writes colours before the background, alpha = `one` - transmittance, and depth: with 0 for
+    /// `one`, the tangents of them.
+    template <class W>
+    RYE_DEVICE void write_sums(const StripSums<W, A, C>& s, const StripPixels<W>& pixels,
+                               float one) const {
+        using F = typename W::F;
+        using U = typename W::U;
         const U q = W::lane() % U(4);
         const U row[2] = {q * U(2), q * U(2) + U(1)};
         const auto quad = [](const F& x) {
@@ -96,13 +106,12 @@ struct StripOutput {
         }
         if (scene.first_channel != 0) return;
         F x[8];
-        repeated<8>([&](auto j) { x[j] = F(1.0F) - s.transmittance[j]; });
+        repeated<8>([&](auto j) { x[j] = F(one) - s.transmittance[j]; });
         put(x, images.alpha.data, 1, 0);
         if constexpr (A::outputs.depth) {
             repeated<8>([&](auto j) { x[j] = quad(s.depth[j]); });
             if (images.depth.data != nullptr) put(x, images.depth.data, 1, 0);
         }
-        if constexpr (A::outputs.contributor) contributors<W>(s, pixels, begin);
     }
 
   private:
