@@ -154,6 +154,19 @@ void run(const bench::DeviceScenery& scene, Json& json) {
             sh_colors_vjp_into(queue, frame.device, s.sh, scene.eyes[camera], s.out.feature.data,
                                s.g_sh, &frame.m);
     };
+    // Derivatives in directions in which all Gaussians' numbers move, by as much as they are.
+    DeviceBuffer<SplatRecord> splats;
+    std::vector<DeviceDirection<NoDistortion>> directions(2);
+    for (auto& d : directions)
+        d.images = {columns(room(channels * pixels), channels, pixels),
+                    columns(room(pixels), 1, pixels)};
+    const auto along = [&](int k, std::size_t count) {
+        const Set& s = sets[std::size_t(k) % sets.size()];
+        for (auto& d : directions) d.gaussians = s.in;
+        rasterizer.template jvp_into<NoDistortion>(
+            queue, s.in, std::span(directions).first(count), scene.cameras[std::size_t(k) % 16],
+            background, splats, frame);
+    };
     double entries = 0, groups = 0;
     for (int k = 0; k < 16; ++k) {
         do forward(k);
@@ -166,6 +179,7 @@ void run(const bench::DeviceScenery& scene, Json& json) {
     }
     forward(0);
     reverse(0);
+    along(0, 2);
     check_cuda(cudaStreamSynchronize(stream), "first");
 
     const auto captured = [&](const auto& f) {
@@ -188,6 +202,10 @@ void run(const bench::DeviceScenery& scene, Json& json) {
     frame.for_vjp = true;
     const Stats fwd = timed(stream, captured(forward));
     const Stats both = timed(stream, captured([&](int k) { forward(k), reverse(k); }));
+    const auto with_directions = [&](std::size_t count) {
+        return timed(stream, captured([&](int k) { forward(k), along(k, count); }));
+    };
+    const Stats one_way = with_directions(1), two_ways = with_directions(2);
     const Stats eager = timed(stream, [&](int k) { forward(k), reverse(k); });
     if (!frame.finish(queue)) throw Error("raster: a camera did not fit");
     std::printf(
@@ -198,15 +216,19 @@ void run(const bench::DeviceScenery& scene, Json& json) {
         alone.least, alone.most, fwd.median, both.median, both.least, both.most, eager.median,
         eager.least, eager.most, entries, groups, double(frame.bytes()) / 1e6);
 
+    std::printf("    with its derivative in one direction %.3f, in two %.3f\n", one_way.median,
+                two_ways.median);
+
     // Kernel by kernel, launched one by one.
     TimedDevice::Times times;
     frame.device.times = &times;
-    for (int k = 0; k < 48; ++k) forward(k), reverse(k);
+    for (int k = 0; k < 48; ++k) forward(k), reverse(k), along(k, 1);
     check_cuda(cudaStreamSynchronize(stream), "stages");
     frame.device.times = nullptr;
     std::vector<std::pair<std::string, double>> numbers{
         {"forward_ms", alone.median}, {"forward_for_vjp_ms", fwd.median},
         {"graph_ms", both.median},    {"eager_ms", eager.median},
+        {"jvp_ms", one_way.median},   {"jvp_of_two_ms", two_ways.median},
         {"entries", entries},         {"frame_MB", double(frame.bytes()) / 1e6}};
     for (const auto& [name, events] : times.of) {
         std::vector<float> ms;

@@ -3,6 +3,7 @@
 #include "on_device.hpp"
 
 #include "cases.hpp"
+#include "jvp_cases.hpp"
 
 #include <rye/geometry/distortion.hpp>
 #include <rye/splat/cuda/sh_color.hpp>
@@ -36,6 +37,16 @@ TEST_CASE("device: lists equal the host's") {
     for (const auto& s : hard_scenes<float>(3)) lists_equal<Balanced>(CudaDevice(), queue(), s);
     lists_equal<Balanced>(CudaDevice(), queue(), random_scene<float>(3000, 3, 5));
     lists_equal<Balanced>(CudaDevice(), queue(), crowded(5000, true));
+}
+TEST_CASE("device: derivatives in directions") {
+    for (const Index c : {1, 2, 3, 4, 7, 16, 32, 33})
+        jvp_against<double, AnyChannels>(CudaDevice(), queue(), random_scene<float>(200, c, 5),
+                                         Balanced(), 5);
+    jvp_against<float, Three>(CudaDevice(), queue(), random_scene<float>(200, 3, 5),
+                              Compatible3dgsFloor(), 3);
+    for (const auto& s : hard_scenes<float>(3))
+        jvp_against<float, Three>(CudaDevice(), queue(), s, Balanced(), 2);
+    bad_directions(CudaDevice(), queue());
 }
 TEST_CASE("device: crowded tiles") {
     against<double, Three>(CudaDevice(), queue(), crowded(5000, false), Balanced());

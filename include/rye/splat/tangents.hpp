@@ -46,7 +46,7 @@ struct RasterJvp {
 
 /// Returns x with the derivative dx.
 template <class V>
-Dual<V, 1> dual_of(const V& x, const V& dx) {
+RYE_HD Dual<V, 1> dual_of(const V& x, const V& dx) {
     Dual<V, 1> r;
     r.value = x;
     r.d[0] = dx;

@@ -103,12 +103,13 @@ struct TangentKernel {
             const WarpBlend<W, A> rules(accuracy);
             Behind<W> s;
             start(s);
-            std::uint32_t group =
-                memory.last[tile * tile_strips + static_cast<std::uint32_t>(w)];
-            while (group != none_of) {
-                const std::uint32_t nearer = memory.before[group];
-                take<W>(s, group, pixels, centre, rules);
-                group = nearer;
+            // A group's visits are read while the one behind it is walked.
+            Group<W> now =
+                group<W>(memory.last[tile * tile_strips + static_cast<std::uint32_t>(w)]);
+            while (now.index != none_of) {
+                const Group<W> nearer = group<W>(memory.before[now.index]);
+                take<W>(s, now, pixels, centre, rules);
+                now = nearer;
             }
             repeated<K>([&](auto k) {
                 StripOutput<A, C>{memory, scene, direction[k].images}.template write_sums<W>(
@@ -118,6 +119,25 @@ struct TangentKernel {
     }
 
   private:
+    /// A group, and the Gaussians of the lane's visits.
+    template <class W>
+    struct Group {
+        std::uint32_t index;
+        typename W::U owner[4];
+    };
+    template <class W>
+    RYE_DEVICE Group<W> group(std::uint32_t index) const {
+        using U = typename W::U;
+        Group<W> r;
+        r.index = index;
+        const std::uint32_t* const visits = memory.visits + std::size_t(index) * 32;
+        repeated<4>([&](auto i) {
+            r.owner[i] = index == none_of
+                             ? U(none_of)
+                             : W::read(visits, W::lane() % U(4) * U(4) + U(i));
+        });
+        return r;
+    }
     /// What is behind, seen alone: its transmittance and sums, and their tangents.
     template <class W>
     struct Behind {
@@ -246,20 +266,18 @@ struct TangentKernel {
 
     /// Puts a group before what is behind it.
     template <class W>
-    RYE_DEVICE void take(Behind<W>& s, std::uint32_t group, const StripPixels<W>& pixels,
+    RYE_DEVICE void take(Behind<W>& s, const Group<W>& group, const StripPixels<W>& pixels,
                          const TileCentre& centre, const WarpBlend<W, A>& rules) const {
         using F = typename W::F;
         using U = typename W::U;
-        const std::uint32_t* const visits_of = memory.visits + std::size_t(group) * 32;
         const auto* const records = reinterpret_cast<const Quad4*>(memory.record);
         const auto* const kept =
-            reinterpret_cast<const Quad4*>(memory.transmittance) + std::size_t(group) * 16;
-        const U first = W::lane() % U(4) * U(4), column = W::lane() / U(4) * U(2);
+            reinterpret_cast<const Quad4*>(memory.transmittance) + std::size_t(group.index) * 16;
+        const U column = W::lane() / U(4) * U(2);
         const Array<F, 4> in_front[2] = {W::read4(kept, column), W::read4(kept, column + U(1))};
-        U owner[4];
+        const U(&owner)[4] = group.owner;
         Array<F, 4> place[4], shape[4];
         repeated<4>([&](auto i) {
-            owner[i] = W::read(visits_of, first + U(i));
             const auto has = owner[i] < U(none_of);
             place[i] = W::read4_where(has, records, owner[i] * U(2));
             shape[i] = W::read4_where(has, records, owner[i] * U(2) + U(1));

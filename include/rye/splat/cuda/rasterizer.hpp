@@ -278,10 +278,12 @@ struct DeviceRasterizer {
                              d.camera != nullptr ? d.camera->cy : 0.0F, d.images};
             }
             each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
-                TangentKernel<A, C(), K()> kernel{
-                    frame.m, scene(g, background, camera, first, channels), accuracy, {}};
-                std::copy_n(walked, K(), kernel.direction);
-                frame.device.launch(queue, Index(frame.m.tiles) * tile_strips, kernel);
+                if constexpr (K() == 1 || C() <= 4) {
+                    TangentKernel<A, C(), K()> kernel{
+                        frame.m, scene(g, background, camera, first, channels), accuracy, {}};
+                    std::copy_n(walked, K(), kernel.direction);
+                    frame.device.launch(queue, Index(frame.m.tiles) * tile_strips, kernel);
+                }
             });
         };
         std::size_t at = 0;
