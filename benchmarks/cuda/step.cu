@@ -208,7 +208,7 @@ StepSizes narrow(const char* name, int side, int feature, int channels, int wide
     w.eye_average = EyeAverage::mask;
     w.eye_low = w.eye_high = w.dssim = w.eye_smooth = 0.2;
     w.blank = 0.1, w.face_alone = 1;
-    w.blank_eyeballs = w.eyes_from_eye_terms = true;
+    w.eyes_from_eye_terms = true;
     return s;
 }
 StepSizes cpu() {

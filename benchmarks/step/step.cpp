@@ -77,7 +77,6 @@ AvatarLossConfig preset_weights() {
     w.eye_low = w.eye_high = 0.2;
     w.dssim = 0.2;
     w.blank = 0.1;
-    w.blank_eyeballs = true;
     w.face_alone = 1.0;
     w.eye_high_every = 3;
     w.eyes_from_eye_terms = true;

@@ -62,7 +62,6 @@ TEST_CASE("device: losses of images are the host's") {
     image_losses_against_host(device, queue(), {});
     image_losses_against_host(device, queue(),
                               {.average = EyeAverage::mask,
-                               .blank_eyeballs = true,
                                .scale = true,
                                .face_alone = 0.7,
                                .dssim = 0.3});

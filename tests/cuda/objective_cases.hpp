@@ -16,7 +16,7 @@ namespace rye::test {
 /// What of the objective a case turns on.
 struct ObjectiveCase {
     EyeAverage average = EyeAverage::image;
-    bool blank_eyeballs = false, eyes_high = true, scale = false;
+    bool eyes_high = true, scale = false;
     double face_alone = 0, dssim = 0;
 };
 
@@ -62,7 +62,6 @@ struct ObjectiveScene {
         s.blank = VecX<double>::Constant(5, 0.25);
         AvatarLossConfig& w = objective.weights;
         w.eye_average = c.average;
-        w.blank_eyeballs = c.blank_eyeballs;
         w.face_alone = c.face_alone;
         w.dssim = c.dssim;
         w.eye_high_every = 3;
@@ -80,7 +79,6 @@ inline Image<float> mask_picture(const Columns<double>& mask) {
 template <class Device>
 void image_losses_against_host(const Device& device, const CudaQueue& queue,
                                const ObjectiveCase& c) {
-    CAPTURE(c.blank_eyeballs);
     CAPTURE(c.scale);
     const ObjectiveScene scene(c);
     const AvatarImages<double>& s = scene.images;

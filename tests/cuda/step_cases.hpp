@@ -44,7 +44,7 @@ struct StepSceneOf {
         AvatarLossConfig& w = training.objective.weights;
         if (c.measured) {
             w.eye_average = EyeAverage::mask;
-            w.dssim = 0.2, w.blank_eyeballs = true, w.face_alone = 1;
+            w.dssim = 0.2, w.face_alone = 1;
             w.eyes_from_eye_terms = true, w.eye_smooth = 0.2, w.eye_high_every = 2;
             w.face_smooth = 0.5, w.face_mirror = 0.3;
             training.face_neighbours =

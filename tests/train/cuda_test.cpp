@@ -15,7 +15,6 @@ TEST_CASE("cuda, emulated: the image terms of a step are the host's") {
     for (const auto order : phase_orders)
         image_losses_against_host(EmulatedDevice{order}, host_queue,
                                   {.average = EyeAverage::mask,
-                                   .blank_eyeballs = true,
                                    .scale = true,
                                    .face_alone = 0.7,
                                    .dssim = 0.3});

@@ -26,7 +26,6 @@ AvatarTraining<> training() {
     t.config = tiny_config();
     t.roles = tiny_roles();
     t.objective.weights.eye_smooth = 0.1;
-    t.objective.weights.blank_eyeballs = true;
     return t;
 }
 

@@ -10,13 +10,12 @@ using namespace rye::test;
 
 namespace {
 
-AvatarTraining<> training_of(const AvatarConfig& config, EyeAverage average, bool blank_eyeballs) {
+AvatarTraining<> training_of(const AvatarConfig& config, EyeAverage average) {
     AvatarTraining<> t;
     t.config = config;
     t.roles = tiny_roles();
     AvatarLossConfig& weights = t.objective.weights;
     weights.eye_average = average;
-    weights.blank_eyeballs = blank_eyeballs;
     weights.face_alone = 0.7;
     weights.dssim = 0.3;
     return t;
@@ -45,14 +44,13 @@ Step<T> step_at(TwoStream<T> avatar, const AvatarSample<T>& sample, const Avatar
 
 /// How far <gradient, d> is from the derivative along d that duals give.
 template <class T>
-double law_error(EyeAverage average, ChosenMetric metric, std::uint64_t seed,
-                 bool blank_eyeballs = false) {
+double law_error(EyeAverage average, ChosenMetric metric, std::uint64_t seed) {
     using D = Dual<T, 1>;
     Draw draw{{seed, 3}};
     AvatarConfig config = tiny_config();
     config.metric = metric;
     const TwoStream<T> avatar = lifted<T>(tiny_avatar(config, draw));
-    const AvatarTraining<> training = training_of(config, average, blank_eyeballs);
+    const AvatarTraining<> training = training_of(config, average);
     const Step<T> step = step_at(avatar, tiny_sample<T>(Draw{{9, 0}}), training);
     const AvatarLosses<T>& l = step.losses;
     const TwoStream<T>& grad = step.gradient;
@@ -75,13 +73,11 @@ TEST_CASE("the two-stream step: its vjp is the transpose of its duals, in double
     for (const std::uint64_t seed : {1, 2, 3})
         CHECK(law_error<double>(EyeAverage::image, SquaredDistance{}, seed) <= 1e-12);
     CHECK(law_error<double>(EyeAverage::mask, EuclideanDistance{}, 4) <= 1e-12);
-    CHECK(law_error<double>(EyeAverage::mask, SquaredDistance{}, 5, true) <= 1e-12);
 }
 
 TEST_CASE("the two-stream step: its vjp is the transpose of its duals, in float") {
     CHECK(law_error<float>(EyeAverage::image, SquaredDistance{}, 1) <= 1e-5);
     CHECK(law_error<float>(EyeAverage::mask, EuclideanDistance{}, 2) <= 1e-5);
-    CHECK(law_error<float>(EyeAverage::mask, SquaredDistance{}, 3, true) <= 1e-5);
 }
 
 TEST_CASE("a blink: without eye pixels the eye terms and their gradients are zero") {
@@ -252,46 +248,30 @@ TEST_CASE("by hand: the face alone must be blank in the eyes") {
     CHECK(b.losses().blank == doctest::Approx(0.9 / 3).epsilon(1e-3));
 }
 
-TEST_CASE("by hand: the face alone beside the eyes, and blank before the eyeballs") {
+TEST_CASE("by hand: the face alone beside the eyes") {
     ByHand b;
     b.weights.face_alone = 1;
     // A quarter of each pixel is not the head, there c replaces b in the photograph:
     // 0.2 + (c - b) / 4 = (0.025, 0.125, 0.225), from which c is off by 0.075 + 0.175 + 0.275.
     // 20 pixels are neither padded nor of an eye.
     CHECK(b.losses().face_alone == hand(20 * 0.525 / (3 * 32)));
-    // Half of a pixel is an eye: its target lies half-way between that and c.
-    b.weights.blank_eyeballs = true;
-    b.show_small_eyes(10, 0.5);
-    CHECK(b.losses().blank == hand(10 * 0.2625 / (3 * 32)));
-    b.weights.eye_average = EyeAverage::mask;
-    CHECK(b.losses().blank == hand(0.2625 / 3));
-}
-
-TEST_CASE("by hand: blank before the eyeballs counts where an eyeball would be seen") {
-    const ByHand b;
-    FaceTarget<double> alone = face_alone_target(ScalarBackend<>{}, b.sample);
-    Columns<double> alpha = Columns<double>::Zero(1, 32);
-    alpha(0, 1) = 0.9;  // padded
-    alpha(0, 5) = 0.51;
-    alpha(0, 6) = 0.49;
-    const FaceTarget<double> t = blank_eyeball_target(ScalarBackend<>{}, b.sample, alone, alpha);
-    CHECK(t.mask(0, 1) == 0);
-    CHECK(t.mask(0, 5) == 1);
-    CHECK(t.mask(0, 6) == 0);
-    CHECK(t.mask.sum() == 11); // with the 10 of the mask
-    CHECK((t.picture.col(5) - Vec3<double>(0.025, 0.125, 0.225)).norm() <= 1e-15);
-    CHECK((t.picture.col(12) - Vec3<double>(0.1, 0.3, 0.5)).norm() <= 1e-15);
 }
 
 TEST_CASE("by hand: the total, each term by its weight") {
     ByHand b;
     b.weights.high_resolution = 2, b.weights.low_resolution = 3, b.weights.perceptual = 5;
     b.weights.eye_low = 7, b.weights.eye_high = 11, b.weights.eye_high_every = 3;
-    b.weights.face_alone = 13, b.weights.blank_eyeballs = true, b.weights.blank = 17;
+    b.weights.face_alone = 13, b.weights.blank = 17;
     b.show_small_eyes(10, 0.5);
     const double high = 99.2 / 384, low = 36.0 / 96, pyramid = 0.3 * 57 / 105;
     const double eye_low = 10 * 0.6 / 96, eye_high = 10.0 / 384;
-    const double blank = 2.625 / 96, face_alone = 10.5 / 96;
+    const double face_alone = 10.5 / 96; // the face is transparent: nothing is off in the eyes
     CHECK(b.losses().total == hand(2 * high + 3 * low + 5 * pyramid + 7 * eye_low +
-                                   33 * eye_high + 13 * face_alone + 17 * blank));
+                                   33 * eye_high + 13 * face_alone));
+    b.avatar.face.opacity_logit.setConstant(20); // a black face before everything
+    b.avatar.face.log_scale.setConstant(3);
+    const AvatarLosses<double> l = b.losses();
+    b.weights.blank = 0;
+    CHECK(l.blank > 0.01);
+    CHECK(l.total - b.losses().total == hand(17 * l.blank));
 }

@@ -144,7 +144,6 @@ void walk(F& f, TrainConfig& c) {
             f("eye_low", g.weights.eye_low, any);
             f("eye_high", g.weights.eye_high, any);
             f("blank", g.weights.blank, any);
-            f("blank_eyeballs", g.weights.blank_eyeballs);
             f("eyes_from_eye_terms", g.weights.eyes_from_eye_terms);
             f("eye_smooth", g.weights.eye_smooth, any);
             f("eye_average", g.weights.eye_average);
@@ -568,7 +567,6 @@ TrainConfig preset(const std::string& name) {
     g.weights.eye_low = g.weights.eye_high = 0.2;
     g.weights.dssim = 0.2;
     g.weights.blank = 0.1;
-    g.weights.blank_eyeballs = true;
     g.weights.face_alone = 1.0;
     g.weights.eye_high_every = 3;
     g.eyeball.max_growth = 0.7;

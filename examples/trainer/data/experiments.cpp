@@ -68,7 +68,6 @@ Experiment losses() {
     };
     added("cpu", "structure of the final image", {"dssim"});
     added("cpu", "face alone", {"face_alone"});
-    added("cpu", "blank before eyeballs", {"blank_eyeballs"});
     added("tiny", "eyes from eye terms alone", {"eyes_from_eye_terms"});
     added("cpu", "smooth eyes", {"eye_smooth"});
     added("tiny", "mean over the eye's pixels", {"eye_average", "eye_low", "eye_high", "blank"});

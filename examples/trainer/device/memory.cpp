@@ -125,9 +125,7 @@ double frames_of(const TrainConfig& config, const DeviceSizes& s, int width, int
         f.stride = static_cast<std::size_t>(up(kernels + 8, 4));
         return static_cast<double>(f.bytes());
     };
-    const double all = s.face + s.eyes;
-    return frame(all, config.avatar.channels) +
-           frame(config.gaussians.weights.blank_eyeballs ? all : s.face, 3) +
+    return frame(s.face + s.eyes, config.avatar.channels) + frame(s.face, 3) +
            frame(s.eyes, config.avatar.channels);
 }
 

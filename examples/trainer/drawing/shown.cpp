@@ -57,10 +57,7 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
     AvatarView v;
     v.final = rasterizer.forward(train_backend(), trace.gaussians, small, white).feature;
     if (streams) {
-        const GaussianView<float> face = config.gaussians.weights.blank_eyeballs // as in the loss
-            ? view_of(trace.gaussians).painted_from(trace.face_count, white)
-            : trace.face_gaussians();
-        v.face = rasterizer.forward(train_backend(), face, small, white).feature;
+        v.face = rasterizer.forward(train_backend(), trace.face_gaussians(), small, white).feature;
         v.eyes = rasterizer.forward(train_backend(), trace.eye_gaussians(), small, white).feature;
     }
     v.high = of_camera(upsampler_forward(train_backend(), state.avatar.upsampler, v.final, nullptr),

@@ -4,9 +4,7 @@
 /// frame, activated, as Gaussians (gaussian/gaussians.hpp); a column per Gaussian.
 #pragma once
 
-#include <algorithm>
 #include <cstdint>
-#include <limits>
 #include <string>
 
 #include <rye/core/error.hpp>
@@ -58,9 +56,6 @@ struct GaussianView {
     Index size = 0;              ///< N
     Index rows = 0;              ///< C
     Index stride = 0;            ///< >= C
-    /// Gaussians from this index on have the feature `paint`, C x 1, in place of their own.
-    Index painted = std::numeric_limits<Index>::max();
-    const T* paint = nullptr;
 
     GaussianView() = default;
     /// Implicit, so that functions of a view accept a cloud. Throws an Error unless every array of
@@ -74,7 +69,7 @@ struct GaussianView {
 
     Index count() const { return size; }
     Index channels() const { return rows; }
-    const T* feature_of(Index i) const { return i < painted ? feature + i * stride : paint; }
+    const T* feature_of(Index i) const { return feature + i * stride; }
 
     /// Returns columns [begin, begin + n). Throws an Error if there are fewer.
     GaussianView columns(Index begin, Index n) const {
@@ -87,7 +82,6 @@ struct GaussianView {
         v.opacity = opacity.from(begin);
         v.feature += stride * begin;
         v.size = n;
-        if (paint != nullptr) v.painted = std::max<Index>(painted - begin, 0);
         return v;
     }
     /// Returns the first n channels. Throws an Error if there are fewer.
@@ -95,15 +89,6 @@ struct GaussianView {
         require(n >= 0 && n <= rows, "GaussianView", "got ", n, " of ", rows, " channels");
         GaussianView v = *this;
         v.rows = n;
-        return v;
-    }
-    /// Returns the same with one feature, C x 1, for all Gaussians from column `begin` on.
-    GaussianView painted_from(Index begin, const VecX<T>& color) const {
-        require(color.size() == rows, "GaussianView", "the feature has ", color.size(),
-                " channels, the Gaussians ", rows);
-        GaussianView v = *this;
-        v.painted = begin;
-        v.paint = color.data();
         return v;
     }
 };

@@ -60,9 +60,8 @@ struct AvatarPictures {
     Columns<T> g_final, g_face, g_eyes;            ///< weighted cotangents of the feature renders
     RasterScratch<T> scratch;                      ///< memory shared by the renders
     Gaussians<T> g_gaussians, g_part;              ///< of all Gaussians; of one render's
-    Gaussians<T> still;               ///< for duals: the eyeballs without derivatives; else empty
     VecX<T> blank, behind_eyes;       ///< backgrounds: of the face alone, of the eyes alone
-    bool blank_eyeballs = false, eyes_from_eye_terms = false; ///< as in AvatarLossConfig
+    bool eyes_from_eye_terms = false; ///< as in AvatarLossConfig
 };
 
 namespace detail {
@@ -95,25 +94,10 @@ void zero_like(const B& backend, const Image<T>& image, Columns<T>& g) {
     over_pixels(backend, g.cols(), [&](Index b, Index e) { g.middleCols(b, e - b).setZero(); });
 }
 
-/// Returns the cloud without derivatives of the numbers in a range.
+/// Returns the face alone, in RGB.
 template <class T>
-Gaussians<T> held_still(const Gaussians<T>& g, ColumnRange range) {
-    Gaussians<T> r = g;
-    Gaussians<T>::fields([&](const std::string&, auto& a) {
-        for (Index i = range.begin; i < range.begin + range.count; ++i)
-            for (Index k = 0; k < a.rows(); ++k) a(k, i) = T(value_of(a(k, i)));
-    }, r);
-    return r;
-}
-
-/// Returns the Gaussians of the face over the blank: with blank_eyeballs also the eyeballs, in one
-/// colour.
-template <class T, class U>
-GaussianView<T> blank_view(const TwoStreamGaussians<T>& driven, const AvatarPictures<T, U>& p) {
-    const Gaussians<T>& g = Real<T> || !p.blank_eyeballs ? driven.gaussians : p.still;
-    const GaussianView<T> all = view_of(g).first_channels(3);
-    return p.blank_eyeballs ? all.painted_from(driven.face_count, p.blank)
-                            : all.columns(0, driven.face_count);
+GaussianView<T> face_view(const TwoStreamGaussians<T>& driven) {
+    return driven.face_gaussians().first_channels(3);
 }
 
 /// Returns the eyes alone, with as many channels as their background.
@@ -175,25 +159,6 @@ FaceTarget<T> face_alone_target(const B& backend, const AvatarImages<T>& sample)
     return t;
 }
 
-/// Returns the blank's background in the eyes and the picture of `alone` beside them, with weight 1
-/// where a visible pixel shows an eye, or would show an eyeball if there were no face.
-template <class T, Backend B>
-FaceTarget<T> blank_eyeball_target(const B& backend, const AvatarImages<T>& sample,
-                                   const FaceTarget<T>& alone, const Columns<T>& eyeball_alpha) {
-    FaceTarget<T> t(alone.mask.cols());
-    detail::over_pixels(backend, t.mask.cols(), [&](Index b, Index e) {
-        for (Index i = b; i < e; ++i) {
-            const T eye = sample.eyes_small(0, i);
-            for (Index c = 0; c < 3; ++c)
-                t.picture(c, i) =
-                    detail::blank_eyeball_colour<T>(alone.picture(c, i), eye, sample.blank(c));
-            t.mask(0, i) = detail::blank_eyeball_weight<T>(eye, eyeball_alpha(0, i),
-                                                           sample.visible_small(0, i));
-        }
-    });
-    return t;
-}
-
 /// Returns the input of super-resolution.
 template <class T, class U>
 const Image<T>& features_shown(const AvatarImages<T>& sample, const AvatarPictures<T, U>& p) {
@@ -226,17 +191,14 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
     const B& backend, const U& upsampler, const AvatarImages<T>& sample,
     const TwoStreamGaussians<T>& driven, AvatarPictures<T, U>& p, Probe&& probe) const {
     p.blank = sample.blank.head(3);
-    p.blank_eyeballs = weights.blank_eyeballs;
     p.eyes_from_eye_terms = weights.eyes_from_eye_terms;
     // Only super-resolution reads more than RGB.
     p.behind_eyes =
         sample.background.head(sample.eyes_high ? driven.gaussians.channels() : Index(3));
-    if constexpr (!Real<T>)
-        if (p.blank_eyeballs) p.still = detail::held_still(driven.gaussians, driven.eye_columns());
     const Rasterizer<FeaturesOnly<A>>& draw = rasterizer;
     draw.forward_into(backend, driven.gaussians, sample.camera, sample.background, p.final,
                       &p.scratch);
-    draw.forward_into(backend, detail::blank_view(driven, p), sample.camera, p.blank, p.face,
+    draw.forward_into(backend, detail::face_view(driven), sample.camera, p.blank, p.face,
                       &p.scratch);
     draw.forward_into(backend, detail::eye_view(driven, p), sample.camera, p.behind_eyes, p.eyes,
                       &p.scratch);
@@ -295,25 +257,15 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
     if (sample.eyes_high)
         l.eye_high = T(gain) * detail::rgb_term(backend, p.eyes_high.pixels, sample.truth.pixels,
                                                 {sample.eyes, T(eye_high * gain)}, p.g_eyes_high);
-    FaceTarget<T> alone(0);
-    if (weights.blank_eyeballs || weights.face_alone > 0)
-        alone = face_alone_target(backend, sample);
-    if (weights.blank_eyeballs) {
-        const FaceTarget<T> blank =
-            blank_eyeball_target(backend, sample, alone, p.eyes.alpha.pixels);
-        const double blank_gain = detail::eye_gain(backend, weights.eye_average, blank.mask);
-        l.blank =
-            T(blank_gain) * detail::rgb_term(backend, p.face.feature.pixels, blank.picture,
-                                             {blank.mask, T(weights.blank * blank_gain)}, p.g_face);
-    } else {
-        const Columns<T> blank = p.blank.replicate(1, p.face.feature.size());
-        l.blank = T(small_gain) *
-                  detail::rgb_term(backend, p.face.feature.pixels, blank,
-                                   {sample.eyes_small, T(weights.blank * small_gain)}, p.g_face);
-    }
-    if (weights.face_alone > 0)
+    const Columns<T> blank = p.blank.replicate(1, p.face.feature.size());
+    l.blank = T(small_gain) *
+              detail::rgb_term(backend, p.face.feature.pixels, blank,
+                               {sample.eyes_small, T(weights.blank * small_gain)}, p.g_face);
+    if (weights.face_alone > 0) {
+        const FaceTarget<T> alone = face_alone_target(backend, sample);
         l.face_alone = detail::rgb_term(backend, p.face.feature.pixels, alone.picture,
                                         {alone.mask, T(weights.face_alone)}, p.g_face);
+    }
     l.total = T(weights.high_resolution) * l.high_resolution +
               T(weights.low_resolution) * l.low_resolution + T(weights.perceptual) * l.perceptual +
               T(weights.dssim) * l.dssim +
@@ -355,7 +307,7 @@ void AvatarObjective<A, Perceptual>::vjp(
         for (Columns<T>* g : {&p.g_gaussians.rotation, &p.g_gaussians.scale,
                               &p.g_gaussians.opacity, &p.g_gaussians.feature})
             g->middleCols(eyes.begin, eyes.count).setZero();
-    pull(detail::blank_view(driven, p), p.blank, p.face, p.g_face, p.g_part);
+    pull(detail::face_view(driven), p.blank, p.face, p.g_face, p.g_part);
     detail::add_part(backend, p.g_gaussians, driven.face_columns(), p.g_part);
     pull(detail::eye_view(driven, p), p.behind_eyes, p.eyes, p.g_eyes, p.g_part);
     detail::add_part(backend, p.g_gaussians, eyes, p.g_part);

@@ -21,18 +21,6 @@ RYE_HD T face_alone_weight(const T& eye, const T& visible) {
     return eye > T(0) ? T(0) : visible;
 }
 
-/// Returns the blank's colour in the eyes, the colour of the face alone beside them.
-template <class T>
-RYE_HD T blank_eyeball_colour(const T& shown, const T& eye, const T& blank) {
-    return shown + eye * (blank - shown);
-}
-/// Returns the weight of a pixel: visible, and showing an eye, or an eyeball if there were no face.
-template <class T>
-RYE_HD T blank_eyeball_weight(const T& eye, const T& eyeball_alpha, const T& visible) {
-    const bool seen = eye > T(0) || eyeball_alpha > T(0.5);
-    return seen ? visible : T(0);
-}
-
 /// Factor that turns an average over `pixels` into one over a mask, from the mask's sum: at least 8
 /// pixels; 0 for an empty mask.
 struct EyeGain {

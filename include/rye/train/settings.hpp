@@ -51,11 +51,6 @@ struct AvatarLossConfig {
     /// The face alone must show the picture outside the eyes (over the blank's background), so that
     /// eyeballs do not learn to paint skin. Not in the paper; see docs/deviations.md.
     double face_alone = 0.0;
-    /// The blank's render also holds the eyeballs, painted with its background and not trained by
-    /// it: then the face in front of them counts, not the back of the head behind them. Its loss
-    /// covers the eyeballs' discs, and asks for the picture where no eye is seen. Not in the paper;
-    /// see docs/deviations.md.
-    bool blank_eyeballs = false;
     /// Colour, shape and opacity of the eyeballs learn from the two eye terms alone, which see
     /// visible eyes only. From the joint picture they would also learn lids: skin and lashes
     /// painted on the eyeball, which another gaze turns into the opening. Not in the paper; see

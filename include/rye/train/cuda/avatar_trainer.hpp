@@ -256,20 +256,19 @@ class DeviceAvatarTrainer {
                     const float* blank) {
         const DeviceGaussians<float>& cloud = avatar_.cloud();
         const Index n = avatar_.face_count(), e = avatar_.eye_count(), C = channels_;
-        const Index in_face = weights_.blank_eyeballs ? n + e : n;
         const Index of_eyes = d.eyes_high ? C : 3;
-        colours_.reserve(queue, static_cast<std::size_t>(3 * (n + 2 * e)) + 1);
-        float* const eye_colours = colours_.data() + 3 * (n + e);
-        part_[0].reserve(queue, n + e, 3); // room for the larger of both kinds of step
+        colours_.reserve(queue, static_cast<std::size_t>(3 * (n + e)) + 1);
+        float* const eye_colours = colours_.data() + 3 * n;
+        part_[0].reserve(queue, n, 3);
         part_[1].reserve(queue, e, C);
-        DeviceGaussians<float> face = columns_from(cloud, {0, in_face}),
+        DeviceGaussians<float> face = columns_from(cloud, {0, n}),
                                eyes = avatar_.eye_gaussians();
-        face.feature = {colours_.data(), 3, in_face};
+        face.feature = {colours_.data(), 3, n};
         if (!d.eyes_high) eyes.feature = {eye_colours, 3, e};
         launch_each(device_, queue, n + e,
-                    ShownColours{cloud.feature.data, C, n, blank, colours_.data(),
-                                 weights_.blank_eyeballs, d.eyes_high ? nullptr : eye_colours});
-        DeviceGaussians<float> g_face = columns_from(part_[0].view(), {0, in_face});
+                    ShownColours{cloud.feature.data, C, n, colours_.data(),
+                                 d.eyes_high ? nullptr : eye_colours});
+        DeviceGaussians<float> g_face = columns_from(part_[0].view(), {0, n});
         DeviceGaussians<float> g_eyes = part_[1].view();
         g_eyes.feature.rows = of_eyes;
         return {{{cloud, avatar_.g_cloud(queue), white_.data(), p.final, p.g_final, p.alpha[0]},
@@ -303,7 +302,7 @@ class DeviceAvatarTrainer {
         images.blank = numbers_.data()->blank;
         losses_.into(
             queue, images,
-            {p.final.pixels, p.face.pixels, p.eyes.pixels, p.alpha[2], p.high, p.eyes_high},
+            {p.final.pixels, p.face.pixels, p.eyes.pixels, p.high, p.eyes_high},
             {p.g_final.pixels, p.g_face.pixels, p.g_eyes.pixels, p.g_high, p.g_eyes_high});
         smoothness_.into(queue, avatar_, gradient_, losses_);
     }

@@ -36,7 +36,6 @@ struct DeviceAvatarImages {
 /// Renders and their super-resolution; eyes_high has no pixels if that term is off.
 struct DeviceAvatarPictures {
     DeviceColumns<const float> final, face, eyes; ///< at least three channels x pixels
-    const float* eyes_alpha;                      ///< 1 x pixels
     DevicePicture<const float> high, eyes_high;
 };
 /// Cotangents of DeviceAvatarPictures, of the same shapes; overwritten.
@@ -63,25 +62,6 @@ struct FaceAloneTarget {
         return r;
     }
     RYE_HD RgbTarget at(Index i) const { return {mask(i), colour(i)}; }
-};
-
-/// Target of blank_eyeball_target, pixel by pixel.
-template <class P>
-struct BlankEyeballTarget {
-    FaceAloneTarget<P> alone;
-    const float* eyes_alpha;
-
-    RYE_HD float mask(Index i) const {
-        return detail::blank_eyeball_weight<float>(unit_value(alone.eyes[i]), eyes_alpha[i],
-                                                   unit_value(alone.visible[i]));
-    }
-    RYE_HD RgbTarget at(Index i) const {
-        RgbTarget r{mask(i), alone.colour(i)};
-        const float eye = unit_value(alone.eyes[i]);
-        for (std::size_t c = 0; c < 3; ++c)
-            r.colour[c] = detail::blank_eyeball_colour<float>(r.colour[c], eye, alone.blank[c]);
-        return r;
-    }
 };
 
 /// Target of the blank's background in the eyes.
@@ -121,7 +101,6 @@ class DeviceImageLosses {
           alone_(device),
           small_gain_(device),
           full_gain_(device),
-          blank_gain_(device),
           report_(device) {}
 
     AvatarLossConfig weights;
@@ -210,22 +189,17 @@ class DeviceImageLosses {
     template <class P>
     void face_terms(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
                     const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
-        const FaceAloneTarget<P> alone{images.truth_small.pixels.data,
-                                       images.visible_small,
-                                       images.eyes_small,
-                                       images.mask_small,
-                                       images.background,
-                                       images.blank};
-        if (weights.blank_eyeballs) {
-            const BlankEyeballTarget<P> target{alone, p.eyes_alpha};
-            const double* const own = gain(queue, blank_gain_, target, p.face.cols);
-            terms_[6] = blank_.into(queue, p.face, target, {weights.blank, own}, g.face);
-        } else {
-            const BlankTarget<P> target{images.eyes_small, images.blank};
-            terms_[6] = blank_.into(queue, p.face, target, {weights.blank, small_}, g.face);
-        }
-        if (weights.face_alone > 0)
+        const BlankTarget<P> target{images.eyes_small, images.blank};
+        terms_[6] = blank_.into(queue, p.face, target, {weights.blank, small_}, g.face);
+        if (weights.face_alone > 0) {
+            const FaceAloneTarget<P> alone{images.truth_small.pixels.data,
+                                           images.visible_small,
+                                           images.eyes_small,
+                                           images.mask_small,
+                                           images.background,
+                                           images.blank};
             terms_[7] = alone_.into(queue, p.face, alone, {weights.face_alone}, g.face);
+        }
     }
     template <class G>
     const double* gain(const CudaQueue& queue, DeviceMaskGain<Device>& of, const G& target,
@@ -286,7 +260,7 @@ class DeviceImageLosses {
     Perceptual* perceptual_;
     DeviceDssim<Device> dssim_;
     DeviceRgbTerm<Device> high_, low_, eye_low_, eye_high_, blank_, alone_;
-    DeviceMaskGain<Device> small_gain_, full_gain_, blank_gain_;
+    DeviceMaskGain<Device> small_gain_, full_gain_;
     const double* small_ = nullptr;
     DeviceBuffer<unsigned char> moved_;
     std::vector<DeviceLossTerm> terms_ = std::vector<DeviceLossTerm>(without_face);

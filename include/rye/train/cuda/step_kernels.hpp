@@ -86,15 +86,12 @@ struct BeginStepKernel {
     }
 };
 
-/// Writes the colours of the face's and the eyes' renders: the first three features, with the
-/// eyeballs of the face's render painted if it has them.
+/// Writes the colours of the face's and the eyes' renders: the first three features.
 struct ShownColours {
     static constexpr const char* name = "colours of the streams";
     const float* feature; ///< of all Gaussians
     Index channels, face; ///< channels of a Gaussian; Gaussians of the face, which come first
-    const float* blank;
-    float* of_face; ///< 3 x (face, or all if painted)
-    bool painted;
+    float* of_face; ///< 3 x face
     float* of_eyes; ///< 3 x eyes; may be null
 
     RYE_DEVICE void operator()(Index i) const {
@@ -102,9 +99,8 @@ struct ShownColours {
         for (int c = 0; c < 3; ++c) {
             if (i < face)
                 of_face[3 * i + c] = from[c];
-            else if (painted)
-                of_face[3 * i + c] = blank[c];
-            if (i >= face && of_eyes != nullptr) of_eyes[3 * (i - face) + c] = from[c];
+            else if (of_eyes != nullptr)
+                of_eyes[3 * (i - face) + c] = from[c];
         }
     }
 };
