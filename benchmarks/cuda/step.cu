@@ -205,10 +205,8 @@ StepSizes narrow(const char* name, int side, int feature, int channels, int wide
     n.eye_offset = {64, 64};
     s.subject.upsampler = {channels, channels, 0, Normalization::none, true};
     AvatarLossConfig& w = s.weights;
-    w.eye_average = EyeAverage::mask;
-    w.eye_low = w.eye_high = w.dssim = w.eye_smooth = 0.2;
-    w.blank = 0.1, w.face_alone = 1;
-    w.eyes_from_eye_terms = true;
+    w.dssim = w.eye_smooth = 0.2;
+    w.face_alone = 1;
     return s;
 }
 StepSizes cpu() {

@@ -146,7 +146,7 @@ void loss_rows(const CudaQueue& queue) {
            graph_times(queue.stream, [&] { pyramid.into(queue, picture, truth, 1.0, to); }), 0);
     report("losses/512/l1",
            graph_times(queue.stream,
-                       [&] { rgb.into(queue, picture.pixels, target, {1.0}, to.pixels); }),
+                       [&] { rgb.into(queue, picture.pixels, target, 1.0, to.pixels); }),
            0);
     LpipsWeights<float> weights;
     std::uint64_t k = 0;

@@ -73,13 +73,9 @@ struct LeastTimes {
 /// The weights of the preset (examples/trainer/data/config.cpp).
 AvatarLossConfig preset_weights() {
     AvatarLossConfig w;
-    w.eye_average = EyeAverage::mask;
-    w.eye_low = w.eye_high = 0.2;
     w.dssim = 0.2;
-    w.blank = 0.1;
     w.face_alone = 1.0;
     w.eye_high_every = 3;
-    w.eyes_from_eye_terms = true;
     w.eye_smooth = 0.2;
     return w;
 }

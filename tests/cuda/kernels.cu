@@ -142,8 +142,6 @@ const void* const image_kernels[] = {kernel<ConvolutionPackKernel>(),
                                      kernel<PyramidKernel<PictureDifference<Byte>>>(),
                                      kernel<SmoothnessKernel>(),
                                      kernel<RgbTermKernel<PictureTarget<Byte>>>(),
-                                     kernel<MaskSumKernel<PictureTarget<Byte>>>(),
-                                     kernel<MaskGainKernel<detail::EyeGain>>(),
                                      kernel<ResizeKernel<Byte>>(),
                                      kernel<ResizeVjpKernel>(),
                                      kernel<LossReportKernel>()};

@@ -61,8 +61,7 @@ TEST_CASE("device: losses of images are the host's") {
     resizing_against_host(device, queue());
     image_losses_against_host(device, queue(), {});
     image_losses_against_host(device, queue(),
-                              {.average = EyeAverage::mask,
-                               .scale = true,
+                              {.scale = true,
                                .face_alone = 0.7,
                                .dssim = 0.3});
 }

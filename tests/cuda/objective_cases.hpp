@@ -15,7 +15,6 @@ namespace rye::test {
 
 /// What of the objective a case turns on.
 struct ObjectiveCase {
-    EyeAverage average = EyeAverage::image;
     bool eyes_high = true, scale = false;
     double face_alone = 0, dssim = 0;
 };
@@ -61,7 +60,6 @@ struct ObjectiveScene {
         s.background = VecX<double>::Ones(5);
         s.blank = VecX<double>::Constant(5, 0.25);
         AvatarLossConfig& w = objective.weights;
-        w.eye_average = c.average;
         w.face_alone = c.face_alone;
         w.dssim = c.dssim;
         w.eye_high_every = 3;

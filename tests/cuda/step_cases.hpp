@@ -43,9 +43,8 @@ struct StepSceneOf {
         training.roles = tiny_roles();
         AvatarLossConfig& w = training.objective.weights;
         if (c.measured) {
-            w.eye_average = EyeAverage::mask;
             w.dssim = 0.2, w.face_alone = 1;
-            w.eyes_from_eye_terms = true, w.eye_smooth = 0.2, w.eye_high_every = 2;
+            w.eye_smooth = 0.2, w.eye_high_every = 2;
             w.face_smooth = 0.5, w.face_mirror = 0.3;
             training.face_neighbours =
                 face_neighbours(ScalarBackend<Serial>{}, avatar.face.position, w);

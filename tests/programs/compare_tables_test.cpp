@@ -187,13 +187,6 @@ TEST_CASE("lists: the built-in ones are valid for each preset, and come back fro
     CHECK(losses.rows[2].effective.gaussians.weights.blank == 0);
     CHECK(losses.rows[3].effective.gaussians.weights.eye_low == 0);
     CHECK(losses.rows.back().effective.gaussians.weights.face_alone == 1);
-    // Additions of `tiny` alone have a row of their own.
-    const auto with = [&](auto&& has) {
-        return std::count_if(losses.rows.begin(), losses.rows.end(),
-                             [&](const auto& row) { return has(row.effective.gaussians.weights); });
-    };
-    CHECK(with([](const auto& w) { return w.eyes_from_eye_terms; }) == 1);
-    CHECK(with([](const auto& w) { return w.eye_average == EyeAverage::mask; }) == 1);
     Experiment deformation = built_in_experiment("deformation");
     configure(deformation, {"cpu", nullptr, "", 1});
     CHECK(deformation.rows[1].effective.avatar.gaze_far == 0);

@@ -52,7 +52,6 @@ TrainState eyes_alone() {
     g.weights.high_resolution = g.weights.low_resolution = g.weights.perceptual = 0;
     g.weights.blank = g.weights.eye_high = 0;
     g.weights.eye_low = 1;
-    g.weights.eye_average = EyeAverage::mask;
     g.eyeball.max_growth = 0;
     g.rates = {0, 1e-2, 0, 0, 0, 0, 0, 0, 2e-2, 0, 0};
     return s;

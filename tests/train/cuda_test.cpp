@@ -11,11 +11,10 @@ TEST_CASE("cuda, emulated: the image terms of a step are the host's") {
     image_losses_against_host(device, host_queue, {});
     image_losses_against_host(device, host_queue, {.eyes_high = false, .dssim = 0.4});
     image_losses_against_host(device, host_queue,
-                              {.average = EyeAverage::mask, .scale = true, .face_alone = 0.7});
+                              {.scale = true, .face_alone = 0.7});
     for (const auto order : phase_orders)
         image_losses_against_host(EmulatedDevice{order}, host_queue,
-                                  {.average = EyeAverage::mask,
-                                   .scale = true,
+                                  {.scale = true,
                                    .face_alone = 0.7,
                                    .dssim = 0.3});
 }

@@ -10,12 +10,11 @@ using namespace rye::test;
 
 namespace {
 
-AvatarTraining<> training_of(const AvatarConfig& config, EyeAverage average) {
+AvatarTraining<> training_of(const AvatarConfig& config) {
     AvatarTraining<> t;
     t.config = config;
     t.roles = tiny_roles();
     AvatarLossConfig& weights = t.objective.weights;
-    weights.eye_average = average;
     weights.face_alone = 0.7;
     weights.dssim = 0.3;
     return t;
@@ -44,13 +43,13 @@ Step<T> step_at(TwoStream<T> avatar, const AvatarSample<T>& sample, const Avatar
 
 /// How far <gradient, d> is from the derivative along d that duals give.
 template <class T>
-double law_error(EyeAverage average, ChosenMetric metric, std::uint64_t seed) {
+double law_error(ChosenMetric metric, std::uint64_t seed) {
     using D = Dual<T, 1>;
     Draw draw{{seed, 3}};
     AvatarConfig config = tiny_config();
     config.metric = metric;
     const TwoStream<T> avatar = lifted<T>(tiny_avatar(config, draw));
-    const AvatarTraining<> training = training_of(config, average);
+    const AvatarTraining<> training = training_of(config);
     const Step<T> step = step_at(avatar, tiny_sample<T>(Draw{{9, 0}}), training);
     const AvatarLosses<T>& l = step.losses;
     const TwoStream<T>& grad = step.gradient;
@@ -71,13 +70,13 @@ double law_error(EyeAverage average, ChosenMetric metric, std::uint64_t seed) {
 
 TEST_CASE("the two-stream step: its vjp is the transpose of its duals, in double") {
     for (const std::uint64_t seed : {1, 2, 3})
-        CHECK(law_error<double>(EyeAverage::image, SquaredDistance{}, seed) <= 1e-12);
-    CHECK(law_error<double>(EyeAverage::mask, EuclideanDistance{}, 4) <= 1e-12);
+        CHECK(law_error<double>(SquaredDistance{}, seed) <= 1e-12);
+    CHECK(law_error<double>(EuclideanDistance{}, 4) <= 1e-12);
 }
 
 TEST_CASE("the two-stream step: its vjp is the transpose of its duals, in float") {
-    CHECK(law_error<float>(EyeAverage::image, SquaredDistance{}, 1) <= 1e-5);
-    CHECK(law_error<float>(EyeAverage::mask, EuclideanDistance{}, 2) <= 1e-5);
+    CHECK(law_error<float>(SquaredDistance{}, 1) <= 1e-5);
+    CHECK(law_error<float>(EuclideanDistance{}, 2) <= 1e-5);
 }
 
 TEST_CASE("a blink: without eye pixels the eye terms and their gradients are zero") {
@@ -87,8 +86,7 @@ TEST_CASE("a blink: without eye pixels the eye terms and their gradients are zer
     AvatarSample<double> sample = tiny_sample<double>(Draw{{9, 0}});
     sample.eyes.setZero();
     sample.eyes_small.setZero();
-    AvatarTraining<> training{.config = config, .roles = tiny_roles()};
-    training.objective.weights.eye_average = EyeAverage::mask;
+    const AvatarTraining<> training{.config = config, .roles = tiny_roles()};
     const Step<double> step = step_at(avatar, sample, training);
     const AvatarLosses<double>& l = step.losses;
     const AvatarPictures<double>& pictures = step.pictures;
@@ -97,27 +95,6 @@ TEST_CASE("a blink: without eye pixels the eye terms and their gradients are zer
     CHECK(l.blank == 0);
     CHECK(pictures.g_face.isZero(0));
     CHECK(pictures.g_eyes.isZero(0));
-}
-
-TEST_CASE("eyes from eye terms: their colours do not learn from the joint picture") {
-    Draw draw;
-    const AvatarConfig config = tiny_config();
-    const TwoStream<double> avatar = tiny_avatar(config, draw);
-    const AvatarSample<double> sample = tiny_sample<double>(Draw{{9, 0}});
-    const auto gradient = [&](bool from_eye_terms, double joint) {
-        AvatarTraining<> training{.config = config, .roles = tiny_roles()};
-        AvatarLossConfig& weights = training.objective.weights;
-        weights.eyes_from_eye_terms = from_eye_terms;
-        weights.high_resolution = weights.low_resolution = joint;
-        weights.perceptual = 0;
-        return step_at(avatar, sample, training).gradient;
-    };
-    const TwoStream<double> with = gradient(true, 1), without = gradient(false, 0);
-    CHECK(with.eyes.feature.norm() > 0);
-    CHECK(with.eyes.feature == without.eyes.feature);
-    CHECK(with.eyes.log_scale == without.eyes.log_scale);
-    CHECK(gradient(false, 1).eyes.feature != without.eyes.feature);
-    CHECK(with.face.feature == gradient(false, 1).face.feature);
 }
 
 TEST_CASE("eyeball Gaussians are bounded by the template's spacing, and thinner along the normal") {
@@ -221,19 +198,12 @@ TEST_CASE("by hand: terms of the whole picture, without padded pixels, over all 
     CHECK(l.face_alone == 0); // weights of 0 by default
 }
 
-TEST_CASE("by hand: terms of the eyes, averaged over the picture or over the eye's pixels") {
+TEST_CASE("by hand: terms of the eyes, averaged over the picture") {
     ByHand b;
-    AvatarLosses<double> l = b.losses();
+    const AvatarLosses<double> l = b.losses();
     CHECK(l.eye_low == hand(10 * 1.2 / (3 * 32)));
     CHECK(l.eye_high == hand(20 * 0.5 / (3 * 128)));
     CHECK(l.blank == 0); // a face that paints nothing leaves the background
-    b.weights.eye_average = EyeAverage::mask;
-    l = b.losses();
-    CHECK(l.eye_low == hand(1.2 / 3));
-    CHECK(l.eye_high == hand(0.5 / 3));
-    // Fewer than 8 pixels are averaged as if they were 8.
-    b.show_small_eyes(2, 1);
-    CHECK(b.losses().eye_low == hand(2 * 1.2 / (3 * 8)));
     b.sample.eyes_high = false;
     CHECK(b.losses().eye_high == 0);
 }
@@ -244,8 +214,6 @@ TEST_CASE("by hand: the face alone must be blank in the eyes") {
     b.avatar.face.opacity_logit.setConstant(20);
     b.avatar.face.log_scale.setConstant(3);
     CHECK(b.losses().blank == doctest::Approx(10 * 0.9 / (3 * 32)).epsilon(1e-3));
-    b.weights.eye_average = EyeAverage::mask;
-    CHECK(b.losses().blank == doctest::Approx(0.9 / 3).epsilon(1e-3));
 }
 
 TEST_CASE("by hand: the face alone beside the eyes") {

@@ -144,9 +144,7 @@ void walk(F& f, TrainConfig& c) {
             f("eye_low", g.weights.eye_low, any);
             f("eye_high", g.weights.eye_high, any);
             f("blank", g.weights.blank, any);
-            f("eyes_from_eye_terms", g.weights.eyes_from_eye_terms);
             f("eye_smooth", g.weights.eye_smooth, any);
-            f("eye_average", g.weights.eye_average);
             f("face_alone", g.weights.face_alone, any);
             f("face_smooth", g.weights.face_smooth, any);
             f("face_mirror", g.weights.face_mirror, any);
@@ -198,11 +196,6 @@ void walk(F& f, TrainConfig& c) {
 /// Returns the names of an enumeration, in the order of its values.
 template <class E>
 const std::vector<std::string>& words();
-template <>
-const std::vector<std::string>& words<EyeAverage>() {
-    static const std::vector<std::string> w{"image", "mask"};
-    return w;
-}
 template <>
 const std::vector<std::string>& words<LaplacianUnit>() {
     static const std::vector<std::string> w{"metre", "world"};
@@ -481,13 +474,6 @@ void take_generalisation(TrainConfig& c) {
     g.mouth_points = 2000;
     g.spacing = 0.02;
     g.spacing_slope = 0.03;
-    // The paper's eye terms and blank: averages over an eye's few pixels outweigh everything else.
-    const auto published = preset("paper").gaussians.weights;
-    g.weights.eye_average = published.eye_average;
-    g.weights.eye_low = published.eye_low;
-    g.weights.eye_high = published.eye_high;
-    g.weights.blank = published.blank;
-    g.weights.eyes_from_eye_terms = published.eyes_from_eye_terms;
     g.weights.eye_smooth = 0.1;
     AvatarRates& rates = g.rates;
     rates.deform = 3e-5;
@@ -563,15 +549,11 @@ TrainConfig preset(const std::string& name) {
     g.checkpoint_every = tiny ? 400 : 1000;
     g.panel_every = tiny ? 400 : 500;
     g.eyeball.points = tiny ? 700 : 2500;
-    g.weights.eye_average = EyeAverage::mask;
-    g.weights.eye_low = g.weights.eye_high = 0.2;
     g.weights.dssim = 0.2;
-    g.weights.blank = 0.1;
     g.weights.face_alone = 1.0;
     g.weights.eye_high_every = 3;
     g.eyeball.max_growth = 0.7;
     g.eyeball.thickness = 0.1;
-    g.weights.eyes_from_eye_terms = true;
     g.weights.eye_smooth = 0.2;
     g.rates.upsampler = 1e-3;
     g.rates.networks = 1e-3;

@@ -58,7 +58,7 @@ Experiment losses() {
     Json neither = no_eyeball;
     neither["blank"] = 0;
     row("without both", "losses_neither", neither);
-    // Additions to the paper, each alone: those of the preset, and two that only `tiny` has.
+    // Additions to the paper, each alone: those of the preset.
     const auto added = [&](const char* from, const std::string& name,
                            const std::vector<const char*>& fields) {
         const Json ours = to_json(preset(from))["gaussians"]["weights"];
@@ -68,9 +68,7 @@ Experiment losses() {
     };
     added("cpu", "structure of the final image", {"dssim"});
     added("cpu", "face alone", {"face_alone"});
-    added("tiny", "eyes from eye terms alone", {"eyes_from_eye_terms"});
     added("cpu", "smooth eyes", {"eye_smooth"});
-    added("tiny", "mean over the eye's pixels", {"eye_average", "eye_low", "eye_high", "blank"});
     added("cpu", "high-resolution eye term in every third step", {"eye_high_every"});
     e.rows.push_back({"the preset", "rye", Json::object()});
     e.columns = {"head_ssim",        "head_psnr",           "eyes_psnr", "gaze",

@@ -61,7 +61,6 @@ struct AvatarPictures {
     RasterScratch<T> scratch;                      ///< memory shared by the renders
     Gaussians<T> g_gaussians, g_part;              ///< of all Gaussians; of one render's
     VecX<T> blank, behind_eyes;       ///< backgrounds: of the face alone, of the eyes alone
-    bool eyes_from_eye_terms = false; ///< as in AvatarLossConfig
 };
 
 namespace detail {
@@ -116,18 +115,6 @@ void add_part(const B& backend, Gaussians<T>& sum, ColumnRange range, const Gaus
                 for (Index r = 0; r < in.rows(); ++r) out(r, range.begin + i) += in(r, i);
         }, sum, g);
     });
-}
-
-template <class T, Backend B>
-double eye_gain(const B& backend, EyeAverage average, const Columns<T>& mask) {
-    if (average == EyeAverage::image) return 1.0;
-    const auto part = [&](Index b, Index e) {
-        double sum = 0;
-        for (Index i = b; i < e; ++i) sum += static_cast<double>(value_of(mask(0, i)));
-        return sum;
-    };
-    const double sum = sum_chunks(backend.threads, mask.size(), 4096, 0.0, part);
-    return EyeGain{mask.size()}(sum);
 }
 
 } // namespace detail
@@ -191,7 +178,6 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
     const B& backend, const U& upsampler, const AvatarImages<T>& sample,
     const TwoStreamGaussians<T>& driven, AvatarPictures<T, U>& p, Probe&& probe) const {
     p.blank = sample.blank.head(3);
-    p.eyes_from_eye_terms = weights.eyes_from_eye_terms;
     // Only super-resolution reads more than RGB.
     p.behind_eyes =
         sample.background.head(sample.eyes_high ? driven.gaussians.channels() : Index(3));
@@ -248,19 +234,15 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
         detail::add_weighted(backend, p.g_high, T(weights.dssim), structure.gradient);
     }
 
-    const double small_gain = detail::eye_gain(backend, weights.eye_average, sample.eyes_small);
-    const double gain = detail::eye_gain(backend, weights.eye_average, sample.eyes);
-    l.eye_low = T(small_gain) *
-                detail::rgb_term(backend, p.eyes.feature.pixels, sample.truth_small.pixels,
-                                 {sample.eyes_small, T(weights.eye_low * small_gain)}, p.g_eyes);
+    l.eye_low = detail::rgb_term(backend, p.eyes.feature.pixels, sample.truth_small.pixels,
+                                 {sample.eyes_small, T(weights.eye_low)}, p.g_eyes);
     const double eye_high = sample.eyes_high ? weights.eye_high * weights.eye_high_every : 0.0;
     if (sample.eyes_high)
-        l.eye_high = T(gain) * detail::rgb_term(backend, p.eyes_high.pixels, sample.truth.pixels,
-                                                {sample.eyes, T(eye_high * gain)}, p.g_eyes_high);
+        l.eye_high = detail::rgb_term(backend, p.eyes_high.pixels, sample.truth.pixels,
+                                      {sample.eyes, T(eye_high)}, p.g_eyes_high);
     const Columns<T> blank = p.blank.replicate(1, p.face.feature.size());
-    l.blank = T(small_gain) *
-              detail::rgb_term(backend, p.face.feature.pixels, blank,
-                               {sample.eyes_small, T(weights.blank * small_gain)}, p.g_face);
+    l.blank = detail::rgb_term(backend, p.face.feature.pixels, blank,
+                               {sample.eyes_small, T(weights.blank)}, p.g_face);
     if (weights.face_alone > 0) {
         const FaceTarget<T> alone = face_alone_target(backend, sample);
         l.face_alone = detail::rgb_term(backend, p.face.feature.pixels, alone.picture,
@@ -302,15 +284,10 @@ void AvatarObjective<A, Perceptual>::vjp(
                             to, &p.scratch);
     };
     pull(driven.gaussians, sample.background, p.final, p.g_final, p.g_gaussians);
-    const ColumnRange eyes = driven.eye_columns();
-    if (p.eyes_from_eye_terms) // they keep the joint picture's position gradient: it moves the head
-        for (Columns<T>* g : {&p.g_gaussians.rotation, &p.g_gaussians.scale,
-                              &p.g_gaussians.opacity, &p.g_gaussians.feature})
-            g->middleCols(eyes.begin, eyes.count).setZero();
     pull(detail::face_view(driven), p.blank, p.face, p.g_face, p.g_part);
     detail::add_part(backend, p.g_gaussians, driven.face_columns(), p.g_part);
     pull(detail::eye_view(driven, p), p.behind_eyes, p.eyes, p.g_eyes, p.g_part);
-    detail::add_part(backend, p.g_gaussians, eyes, p.g_part);
+    detail::add_part(backend, p.g_gaussians, driven.eye_columns(), p.g_part);
     probe("render vjp");
 }
 

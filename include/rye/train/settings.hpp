@@ -35,10 +35,6 @@ struct MeshRates {
     }
 };
 
-/// Average of the eye terms: over the whole image, as GHA's L1, or over the pixels of the eye mask,
-/// which does not fade as eyes get smaller in the picture.
-enum class EyeAverage { image, mask };
-
 /// Weights of the terms of the second stage's objective.
 struct AvatarLossConfig {
     double high_resolution = 1.0;
@@ -51,11 +47,6 @@ struct AvatarLossConfig {
     /// The face alone must show the picture outside the eyes (over the blank's background), so that
     /// eyeballs do not learn to paint skin. Not in the paper; see docs/deviations.md.
     double face_alone = 0.0;
-    /// Colour, shape and opacity of the eyeballs learn from the two eye terms alone, which see
-    /// visible eyes only. From the joint picture they would also learn lids: skin and lashes
-    /// painted on the eyeball, which another gaze turns into the opening. Not in the paper; see
-    /// docs/deviations.md.
-    bool eyes_from_eye_terms = false;
     /// Weight of the smoothness of colours on an eyeball (loss/smoothness.hpp). Not in the paper.
     double eye_smooth = 0;
     /// Weights of the smoothness of the face's features over neighbours on its initial surface, and
@@ -65,7 +56,6 @@ struct AvatarLossConfig {
     /// Steps per high-resolution eye term, which costs a second super-resolution and counts this
     /// many times.
     int eye_high_every = 1;
-    EyeAverage eye_average = EyeAverage::image;
 };
 
 /// Learning rates of stage 2.

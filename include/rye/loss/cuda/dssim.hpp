@@ -219,7 +219,7 @@ class DeviceDssim {
             queue, tiles.blocks_of(),
             DssimPullKernel<P>{tiles, a.pixels.data, b.pixels.data, static_cast<float>(weight),
                                by_x, by_xx, by_xy, g.pixels.data});
-        return {partial, tiles.blocks_of(), share, 1.0, nullptr, weight};
+        return {partial, tiles.blocks_of(), share, 1.0, weight};
     }
     /// Returns the memory held [bytes].
     std::size_t bytes() const { return maps_.bytes() + sums_.bytes(); }

@@ -261,7 +261,7 @@ class DeviceLpips {
         for (std::size_t c = 0; c < 3; ++c)
             back.slope[c] = static_cast<float>(weight * 2.0 / lpips_scale[c]);
         device_.launch(queue, back.blocks_of(), back);
-        return {partial, chunks, 1.0, 0.0, nullptr, weight};
+        return {partial, chunks, 1.0, 0.0, weight};
     }
     /// Returns the distance of two pictures of one size, without its cotangent; waits. Keeps the
     /// truth's features in a buffer of its own.

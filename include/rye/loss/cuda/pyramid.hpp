@@ -158,7 +158,7 @@ class DevicePyramidLoss {
         device_.launch(queue, coarsest.blocks_of(), coarsest);
         device_.launch(queue, middle.blocks_of(), middle);
         device_.launch(queue, finest.blocks_of(), finest);
-        return {finest.partial, chunks, 1.0, 0.0, nullptr, weight};
+        return {finest.partial, chunks, 1.0, 0.0, weight};
     }
     /// Returns the memory held [bytes].
     std::size_t bytes() const { return levels_.bytes() + sums_.bytes(); }

@@ -37,78 +37,12 @@ struct PictureTarget {
                   unit_value(picture[3 * i + 2])}}};
     }
 };
-/// Target of a single colour with a mask.
-template <class P>
-struct ColourTarget {
-    Array<float, 3> colour;
-    const P* weights;
-
-    RYE_HD float mask(Index i) const { return unit_value(weights[i]); }
-    RYE_HD RgbTarget at(Index i) const { return {mask(i), colour}; }
-};
-static_assert(RgbTargetSource<PictureTarget<float>> && RgbTargetSource<ColourTarget<float>>);
+static_assert(RgbTargetSource<PictureTarget<float>>);
 
 /// Number of pixels per partial sum.
 inline constexpr Index rgb_chunk = 256;
 /// Returns the number of partial sums of a picture.
 inline Index rgb_chunks(Index pixels) { return (pixels + rgb_chunk - 1) / rgb_chunk; }
-
-/// Kernel of the sum of a target's mask over a chunk of pixels.
-template <RgbTargetSource G>
-struct MaskSumKernel {
-    static constexpr const char* name = "sum of a mask";
-    static constexpr int threads = 128, blocks = 8;
-    struct Shared {
-        double sum[threads];
-    };
-    G target;
-    Index pixels;
-    double* partial;
-
-    template <class Block>
-    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
-        const Index begin = block.index() * rgb_chunk, end = rye::min(begin + rgb_chunk, pixels);
-        block.each_thread([&](int t) {
-            double sum = 0;
-            for (Index j = begin + t; j < end; j += threads)
-                sum += static_cast<double>(target.mask(j));
-            shared.sum[t] = sum;
-        });
-        add_up(block, shared.sum);
-        block.each_thread([&](int t) {
-            if (t == 0) partial[block.index()] = shared.sum[0];
-        });
-    }
-};
-
-/// Kernel of f(sum of the chunks), a number in device memory. F: a device function object.
-template <class F>
-struct MaskGainKernel {
-    static constexpr const char* name = "gain of a mask";
-    static constexpr int threads = 128, blocks = 1;
-    struct Shared {
-        double sum[threads];
-    };
-    const double* partial;
-    Index chunks;
-    F f;
-    double* gain;
-
-    template <class Block>
-    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
-        block.each_thread([&](int t) {
-            const Index share = (chunks + threads - 1) / threads;
-            const Index end = rye::min(chunks, (t + 1) * share);
-            double sum = 0;
-            for (Index i = t * share; i < end; ++i) sum += partial[i];
-            shared.sum[t] = sum;
-        });
-        add_up(block, shared.sum);
-        block.each_thread([&](int t) {
-            if (t == 0) *gain = f(shared.sum[0]);
-        });
-    }
-};
 
 /// Kernel of the term over a chunk of pixels, and its cotangent.
 template <RgbTargetSource G>
@@ -121,16 +55,15 @@ struct RgbTermKernel {
     DeviceColumns<const float> picture; ///< at least 3 x pixels
     G target;
     double weight;
-    const double* gain; ///< null for 1
-    float share;        ///< 1 / number of values
-    float* g;           ///< of the picture's shape; its first three rows are accumulated
+    float share; ///< 1 / number of values
+    float* g;    ///< of the picture's shape; its first three rows are accumulated
     double* partial;
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         const Index begin = block.index() * rgb_chunk,
                     end = rye::min(begin + rgb_chunk, picture.cols);
-        const auto own = static_cast<float>(weight * (gain != nullptr ? *gain : 1.0));
+        const auto own = static_cast<float>(weight);
         block.each_thread([&](int t) {
             double sum = 0;
             for (Index j = begin + t; j < end; j += threads) {
@@ -156,15 +89,9 @@ struct RgbTermKernel {
     }
 };
 
-/// Weight of a term in the objective, and the normalisation of its mask.
-struct TermWeight {
-    double weight = 1;
-    const double* gain = nullptr; ///< a number in device memory, or null for 1
-};
-
-/// Term mean |mask (picture - target)| over all pixels and the first three channels, times the
-/// gain. `into` adds `weight` times its cotangent to g's first three rows; throws an Error for
-/// fewer channels or another shape of g.
+/// Term mean |mask (picture - target)| over all pixels and the first three channels. `into` adds
+/// `weight` times its cotangent to g's first three rows; throws an Error for fewer channels or
+/// another shape of g.
 template <class Device>
 class DeviceRgbTerm {
   public:
@@ -172,7 +99,7 @@ class DeviceRgbTerm {
 
     template <RgbTargetSource G>
     DeviceLossTerm into(const CudaQueue& queue, const DeviceColumns<const float>& picture,
-                        const G& target, const TermWeight& w, const DeviceColumns<float>& g) {
+                        const G& target, double weight, const DeviceColumns<float>& g) {
         require(picture.rows >= 3 && g.rows == picture.rows && g.cols == picture.cols, "rgb term",
                 "picture is ", picture.rows, " x ", picture.cols, ", its gradient ", g.rows, " x ",
                 g.cols, ", expected one shape of at least 3 rows");
@@ -180,31 +107,9 @@ class DeviceRgbTerm {
         double* const partial = sums_.reserve(queue, chunks);
         const double share = 1.0 / static_cast<double>(std::max<Index>(3 * picture.cols, 1));
         device_.launch(queue, chunks,
-                       RgbTermKernel<G>{picture, target, w.weight, w.gain,
-                                        static_cast<float>(share), g.data, partial});
-        return {partial, chunks, share, 0.0, w.gain, w.weight};
-    }
-    std::size_t bytes() const { return sums_.bytes(); }
-
-  private:
-    Device device_;
-    LossSums sums_;
-};
-
-/// Function f(sum of a target's mask over its pixels) as a number in device memory.
-template <class Device>
-class DeviceMaskGain {
-  public:
-    explicit DeviceMaskGain(const Device& device) : device_(device) {}
-
-    template <RgbTargetSource G, class F>
-    const double* into(const CudaQueue& queue, const G& target, Index pixels, const F& f) {
-        const Index chunks = rgb_chunks(pixels);
-        double* const partial = sums_.reserve(queue, chunks + 1);
-        double* const gain = partial + chunks;
-        device_.launch(queue, chunks, MaskSumKernel<G>{target, pixels, partial});
-        device_.launch(queue, 1, MaskGainKernel<F>{partial, chunks, f, gain});
-        return gain;
+                       RgbTermKernel<G>{picture, target, weight, static_cast<float>(share), g.data,
+                                        partial});
+        return {partial, chunks, share, 0.0, weight};
     }
     std::size_t bytes() const { return sums_.bytes(); }
 

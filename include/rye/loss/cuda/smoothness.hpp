@@ -109,7 +109,7 @@ class DeviceSmoothness {
                                 nullptr};
         kernel.partial = sums_.reserve(queue, kernel.blocks_of());
         device_.launch(queue, kernel.blocks_of(), kernel);
-        return {kernel.partial, kernel.blocks_of(), share, 0.0, nullptr, weight};
+        return {kernel.partial, kernel.blocks_of(), share, 0.0, weight};
     }
     std::size_t bytes() const { return words_.bytes() + sums_.bytes(); }
 

@@ -14,13 +14,12 @@
 
 namespace rye {
 
-/// Term of an objective, of value offset + factor gain (sum of `chunks` partial sums).
+/// Term of an objective, of value offset + factor (sum of `chunks` partial sums).
 struct DeviceLossTerm {
     const double* partial = nullptr;
     Index chunks = 0;
     double factor = 0, offset = 0;
-    const double* gain = nullptr; ///< a number in device memory, or null for 1
-    double weight = 0;            ///< in the objective
+    double weight = 0; ///< in the objective
 };
 
 /// Memory of one term's partial sums.
@@ -76,8 +75,7 @@ struct LossReportKernel {
             add_up(block, shared.sum);
             block.each_thread([&](int t) {
                 if (t != 0) return;
-                const double gain = own.gain != nullptr ? *own.gain : 1.0;
-                const double value = own.offset + own.factor * gain * shared.sum[0];
+                const double value = own.offset + own.factor * shared.sum[0];
                 report->value[k] = static_cast<float>(value);
                 shared.total += own.weight * value;
                 if (!(value * 0 == 0) && shared.bad < 0) shared.bad = k; // 0 x is 0 if x is finite

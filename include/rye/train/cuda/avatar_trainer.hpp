@@ -335,7 +335,7 @@ class DeviceAvatarTrainer {
         });
         launch_each(device_, queue, avatar_.face_count() + avatar_.eye_count(),
                     JoinGradients{r.of[0].gradient, r.of[1].gradient, r.of[2].gradient,
-                                  avatar_.face_count(), weights_.eyes_from_eye_terms});
+                                  avatar_.face_count()});
         smoothness_.add_into(
             queue, columns_from(avatar_.g_cloud(queue), {avatar_.face_count(), avatar_.eye_count()})
                        .feature);

@@ -99,8 +99,6 @@ class DeviceImageLosses {
           eye_high_(device),
           blank_(device),
           alone_(device),
-          small_gain_(device),
-          full_gain_(device),
           report_(device) {}
 
     AvatarLossConfig weights;
@@ -156,7 +154,7 @@ class DeviceImageLosses {
         const DeviceAvatarImages<P> seen = images.scale != nullptr ? moved(queue, images) : images;
         terms_[0] =
             high_.into(queue, p.high.pixels, PictureTarget<P>{seen.truth.pixels.data, seen.visible},
-                       {weights.high_resolution}, g.high.pixels);
+                       weights.high_resolution, g.high.pixels);
         terms_[2] = perceptual_->into(queue, p.high, seen.truth, weights.perceptual, g.high);
         if (weights.dssim > 0)
             terms_[3] = dssim_.into(queue, p.high, seen.truth, weights.dssim, g.high);
@@ -168,10 +166,9 @@ class DeviceImageLosses {
         clear(queue, g.final), clear(queue, g.face), clear(queue, g.eyes);
         terms_[1] = low_.into(
             queue, p.final, PictureTarget<P>{images.truth_small.pixels.data, images.visible_small},
-            {weights.low_resolution}, g.final);
+            weights.low_resolution, g.final);
         const PictureTarget<P> small{images.truth_small.pixels.data, images.eyes_small};
-        small_ = gain(queue, small_gain_, small, p.eyes.cols);
-        terms_[4] = eye_low_.into(queue, p.eyes, small, {weights.eye_low, small_}, g.eyes);
+        terms_[4] = eye_low_.into(queue, p.eyes, small, weights.eye_low, g.eyes);
         face_terms(queue, images, p, g);
     }
     /// Enqueues the term of the eyes' picture, if there is one.
@@ -181,16 +178,14 @@ class DeviceImageLosses {
         clear(queue, g.eyes_high.pixels);
         if (!images.eyes_high) return;
         const PictureTarget<P> full{images.truth.pixels.data, images.eyes};
-        const double* const whole = gain(queue, full_gain_, full, p.eyes_high.pixels.cols);
-        terms_[5] =
-            eye_high_.into(queue, p.eyes_high.pixels, full,
-                           {weights.eye_high * weights.eye_high_every, whole}, g.eyes_high.pixels);
+        terms_[5] = eye_high_.into(queue, p.eyes_high.pixels, full,
+                                   weights.eye_high * weights.eye_high_every, g.eyes_high.pixels);
     }
     template <class P>
     void face_terms(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
                     const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
         const BlankTarget<P> target{images.eyes_small, images.blank};
-        terms_[6] = blank_.into(queue, p.face, target, {weights.blank, small_}, g.face);
+        terms_[6] = blank_.into(queue, p.face, target, weights.blank, g.face);
         if (weights.face_alone > 0) {
             const FaceAloneTarget<P> alone{images.truth_small.pixels.data,
                                            images.visible_small,
@@ -198,16 +193,9 @@ class DeviceImageLosses {
                                            images.mask_small,
                                            images.background,
                                            images.blank};
-            terms_[7] = alone_.into(queue, p.face, alone, {weights.face_alone}, g.face);
+            terms_[7] = alone_.into(queue, p.face, alone, weights.face_alone, g.face);
         }
     }
-    template <class G>
-    const double* gain(const CudaQueue& queue, DeviceMaskGain<Device>& of, const G& target,
-                       Index pixels) {
-        if (weights.eye_average == EyeAverage::image) return nullptr;
-        return of.into(queue, target, pixels, detail::EyeGain{pixels});
-    }
-
     /// Returns truth and visibility of the picture after the random scale.
     template <class P>
     DeviceAvatarImages<P> moved(const CudaQueue& queue, const DeviceAvatarImages<P>& images) {
@@ -260,8 +248,6 @@ class DeviceImageLosses {
     Perceptual* perceptual_;
     DeviceDssim<Device> dssim_;
     DeviceRgbTerm<Device> high_, low_, eye_low_, eye_high_, blank_, alone_;
-    DeviceMaskGain<Device> small_gain_, full_gain_;
-    const double* small_ = nullptr;
     DeviceBuffer<unsigned char> moved_;
     std::vector<DeviceLossTerm> terms_ = std::vector<DeviceLossTerm>(without_face);
     DeviceLossReport<Device> report_;

@@ -111,24 +111,15 @@ struct JoinGradients {
     DeviceGaussians<float> sum;              ///< of the joint render
     DeviceGaussians<const float> face, eyes; ///< with as many channels as their renders
     Index faces;                             ///< number of Gaussians of the face
-    bool eyes_from_eye_terms;
 
     RYE_DEVICE void operator()(Index i) const {
-        if (i < faces) {
+        if (i < faces)
             add(face, i, i);
-            return;
-        }
-        if (eyes_from_eye_terms) {
-            clear(sum.rotation, i), clear(sum.scale, i);
-            clear(sum.opacity, i), clear(sum.feature, i);
-        }
-        add(eyes, i - faces, i);
+        else
+            add(eyes, i - faces, i);
     }
 
   private:
-    RYE_DEVICE static void clear(const DeviceColumns<float>& a, Index i) {
-        for (Index k = 0; k < a.rows; ++k) a.data[i * a.rows + k] = 0.0F;
-    }
     RYE_DEVICE static void add(const DeviceColumns<const float>& from, Index i,
                                const DeviceColumns<float>& to, Index at) {
         for (Index k = 0; k < from.rows; ++k)
