@@ -97,8 +97,7 @@ void image_losses_against_host(const Device& device, const CudaQueue& queue,
         subject(device, queue, mask_picture(s.mask_small));
     const Floats final(device, queue, in_float(p.final.feature)),
         face(device, queue, in_float(p.face.feature)),
-        of_eyes(device, queue, in_float(p.eyes.feature)),
-        alpha(device, queue, in_float(p.eyes.alpha)), high(device, queue, in_float(p.high)),
+        of_eyes(device, queue, in_float(p.eyes.feature)), high(device, queue, in_float(p.high)),
         eyes_high(device, queue, in_float(p.eyes_high));
     const auto poisoned = [&](const Image<double>& like) {
         Image<float> r = in_float(like);
@@ -122,9 +121,8 @@ void image_losses_against_host(const Device& device, const CudaQueue& queue,
     images.scale = c.scale ? resizing.data() : nullptr;
     images.background = background.buffer.data();
     images.blank = blank.buffer.data();
-    const DeviceAvatarPictures pictures{final.read().pixels,   face.read().pixels,
-                                        of_eyes.read().pixels, alpha.array.buffer.data(),
-                                        high.read(),           eyes_high.read()};
+    const DeviceAvatarPictures pictures{final.read().pixels, face.read().pixels,
+                                        of_eyes.read().pixels, high.read(), eyes_high.read()};
     const DeviceAvatarCotangents g{g_final.view().pixels, g_face.view().pixels,
                                    g_eyes.view().pixels, g_high.view(), g_eyes_high.view()};
     DevicePyramidLoss<Device> pyramid(device);
