@@ -59,17 +59,14 @@ Experiment losses() {
     neither["blank"] = 0;
     row("without both", "losses_neither", neither);
     // Additions to the paper, each alone: those of the preset.
-    const auto added = [&](const char* from, const std::string& name,
-                           const std::vector<const char*>& fields) {
-        const Json ours = to_json(preset(from))["gaussians"]["weights"];
-        Json weights = Json::object();
-        for (const char* f : fields) weights[f] = ours[f];
-        row("paper's + " + name, "losses_and_" + std::string(fields.front()), weights);
+    const Json ours = to_json(preset("cpu"))["gaussians"]["weights"];
+    const auto added = [&](const std::string& name, const std::string& field) {
+        row("paper's + " + name, "losses_and_" + field, {{field, ours[field]}});
     };
-    added("cpu", "structure of the final image", {"dssim"});
-    added("cpu", "face alone", {"face_alone"});
-    added("cpu", "smooth eyes", {"eye_smooth"});
-    added("cpu", "high-resolution eye term in every third step", {"eye_high_every"});
+    added("structure of the final image", "dssim");
+    added("face alone", "face_alone");
+    added("smooth eyes", "eye_smooth");
+    added("high-resolution eye term in every third step", "eye_high_every");
     e.rows.push_back({"the preset", "rye", Json::object()});
     e.columns = {"head_ssim",        "head_psnr",           "eyes_psnr", "gaze",
                  "gaze_where_found", "gaze_without_labels", "irises",    "judge_gaze"};
