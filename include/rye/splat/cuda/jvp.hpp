@@ -23,7 +23,7 @@ struct TangentKernel {
     FrameMemory memory;
     DeviceScene scene;
     A accuracy;
-    WalkedDirection direction[K];
+    WalkedDirection direction[std::size_t(K)];
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
@@ -76,7 +76,7 @@ struct TangentKernel {
     /// What is behind, seen alone: its transmittance and sums, and their tangents.
     template <class W>
     struct Behind {
-        StripSums<W, A, C> value, tangent[K];
+        StripSums<W, A, C> value, tangent[std::size_t(K)];
     };
     template <class W>
     RYE_DEVICE static void start(Behind<W>& s) {
@@ -120,7 +120,7 @@ struct TangentKernel {
         const Visits<W, A> visits(
             [&](auto i) { return TileSplat<W>(place[i], shape[i], centre.x, centre.y); }, pixels.x,
             pixels.y, accuracy);
-        VisitTangents<W, A> move[K];
+        VisitTangents<W, A> move[std::size_t(K)];
         repeated<K>([&](auto k) {
             move[k] = VisitTangents<W, A>(direction[k], owner, place, visits, pixels, centre);
         });
@@ -160,7 +160,7 @@ struct TangentKernel {
                                 const OneRow& one_row) const {
         using F = typename W::F;
         using U = typename W::U;
-        F colour[4][C], d_colour[K][4][C];
+        F colour[4][std::size_t(C)], d_colour[std::size_t(K)][4][std::size_t(C)];
         const U stride(static_cast<std::uint32_t>(scene.feature.rows));
         const U begin(static_cast<std::uint32_t>(scene.first_channel));
         repeated<4>([&](auto i) {

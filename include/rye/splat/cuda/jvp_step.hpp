@@ -58,13 +58,13 @@ template <class W, int K>
 struct TangentRow {
     using F = typename W::F;
     F weight[4], product;
-    F weight_tangent[K][4], product_tangent[K];
+    F weight_tangent[std::size_t(K)][4], product_tangent[std::size_t(K)];
 };
 
 /// Returns row j of a group, t being the transmittance in front of it.
 template <class W, class A, int K>
 RYE_DEVICE TangentRow<W, K> tangent_row(const WarpBlend<W, A>& rules, const Visits<W, A>& visits,
-                                        const VisitTangents<W, A> (&move)[K], int j,
+                                        const VisitTangents<W, A> (&move)[std::size_t(K)], int j,
                                         const typename W::F& t) {
     using F = typename W::F;
     const F one(1.0F), zero(0.0F);

@@ -269,8 +269,9 @@ struct DeviceRasterizer {
         for (const DeviceDirection<D>& d : directions) check(g, d, camera);
         splats.reserve(queue, 2 * static_cast<std::size_t>(g.count()) + 2);
         const auto walk = [&](auto K, std::size_t at) {
-            WalkedDirection walked[K()];
-            for (std::size_t k = 0; k < K(); ++k) {
+            constexpr auto count = static_cast<std::size_t>(K());
+            WalkedDirection walked[count];
+            for (std::size_t k = 0; k < count; ++k) {
                 const DeviceDirection<D>& d = directions[at + k];
                 SplatRecord* const out = splats.data() + k * static_cast<std::size_t>(g.count());
                 project_tangents(queue, g, d, camera, out, frame);
@@ -281,7 +282,7 @@ struct DeviceRasterizer {
                 if constexpr (K() == 1 || C() <= 4) {
                     TangentKernel<A, C(), K()> kernel{
                         frame.m, scene(g, background, camera, first, channels), accuracy, {}};
-                    std::copy_n(walked, K(), kernel.direction);
+                    std::copy_n(walked, count, kernel.direction);
                     frame.device.launch(queue, Index(frame.m.tiles) * tile_strips, kernel);
                 }
             });
