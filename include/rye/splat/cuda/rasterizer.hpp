@@ -257,8 +257,8 @@ struct DeviceRasterizer {
     }
 
     /// Puts the derivatives of the frame's last render in some directions on the stream: their
-    /// images get the tangents of feature, alpha and depth. `splats` is memory for the calls to
-    /// come, which the stream's work uses.
+    /// images get the tangents of feature, alpha and depth. `splats`: memory for the work on the
+    /// stream, to be kept until that is done; a later call takes it again.
     template <Distortion D>
     void jvp_into(const CudaQueue& queue, const DeviceGaussians<const float>& g,
                   std::span<const DeviceDirection<D>> directions, const Pinhole<float, D>& camera,
