@@ -16,6 +16,7 @@
 #include <rye/nn/adam.hpp>
 #include <rye/rig/gaze.hpp>
 #include <rye/splat/lanes.hpp>
+#include <rye/train/host_label_drawing.hpp>
 #include <rye/train/refine_labels.hpp>
 
 #include "../effects/subject.hpp"
@@ -133,7 +134,8 @@ Arrivals gauss_newton(const Task& t, int most) {
         settings.rounds = 1;
         settings.levenberg.steps = steps;
         settings.levenberg.tolerance = 0;
-        LabelRefiner refiner(t.backend, t.avatar, t.config, t.roles, t.unknowns, settings);
+        HostLabelDrawing drawing(t.backend, t.avatar, t.config, t.roles);
+        LabelRefiner refiner(t.backend.threads, drawing, t.unknowns, settings);
         const double begin = wall_seconds();
         const RefinedLabels r = refiner.refine(t.label, t.views);
         const double seconds = wall_seconds() - begin;

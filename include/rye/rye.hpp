@@ -189,7 +189,10 @@
 #include <rye/train/density.hpp>
 #include <rye/train/expression_labels.hpp>
 #include <rye/train/face_smoothness.hpp>
+#include <rye/train/host_label_drawing.hpp>
 #include <rye/train/initialize.hpp>
+#include <rye/train/label_drawing.hpp>
+#include <rye/train/label_unknowns.hpp>
 #include <rye/train/probe.hpp>
 #include <rye/train/refine_labels.hpp>
 #include <rye/train/samples.hpp>

@@ -76,5 +76,11 @@ std::unique_ptr<DeviceDrawer> device_drawer<ComparedEffects>(
     return std::make_unique<DeviceDrawerOf<ComparedEffects, HostMachine>>(avatar, config, roles,
                                                                           lpips);
 }
+template <>
+std::unique_ptr<DeviceLabels> device_labels<TrainEffects>(const Avatar& avatar,
+                                                          const AvatarConfig& config,
+                                                          const LandmarkRoles& roles) {
+    return std::make_unique<DeviceLabelsOf<HostMachine>>(avatar, config, roles);
+}
 
 } // namespace rye::trainer

@@ -7,6 +7,7 @@
 #include <rye/autodiff/dual.hpp>
 #include <rye/core/thread_pool.hpp>
 #include <rye/splat/lanes.hpp>
+#include <rye/train/host_label_drawing.hpp>
 
 #include "../support/tiny_playable.hpp"
 
@@ -113,7 +114,8 @@ TEST_CASE("refined labels: gazes 4 degrees off and a pose 0.6 degrees off are fo
         const LabelUnknowns u = all_unknowns();
         const VecX<double> error = tracker_error();
         const auto label = moved_drivers(truth, u, error);
-        LabelRefiner refiner(backend, avatar, config, roles, u);
+        HostLabelDrawing drawing(backend, avatar, config, roles);
+        LabelRefiner refiner(backend.threads, drawing, u);
         const RefinedLabels r = refiner.refine(label, views);
         const VecX<double> left = r.change + error;
         CAPTURE(left.transpose());
@@ -147,7 +149,8 @@ TEST_CASE("refined labels: columns of the Jacobian are those of duals through dr
     for (Index p = 0; p < views[0].truth.cols(); ++p) pixels.push_back(p);
     RefineSettings settings;
     settings.difference = 1e-3;
-    LabelRefiner refiner(backend, avatar, config, roles, u, settings);
+    HostLabelDrawing drawing(backend, avatar, config, roles);
+    LabelRefiner refiner(backend.threads, drawing, u, settings);
     VecX<double> x = VecX<double>::Constant(u.count(), 0.3);
     const Columns<double> j = refiner.jacobian(label, views[0], pixels, x);
     const VecX<double> sigma = u.sigma();
@@ -187,7 +190,8 @@ TEST_CASE("refined labels: what moves no pixel stays at its label, with its prio
     u.expression_sigma = 0.25;
     VecX<double> error = tracker_error();
     const auto views = photographs<double>(backend, avatar, truth, 48);
-    LabelRefiner refiner(backend, avatar, config, roles, u);
+    HostLabelDrawing drawing(backend, avatar, config, roles);
+    LabelRefiner refiner(backend.threads, drawing, u);
     const RefinedLabels r = refiner.refine(moved_drivers(truth, u, error), views);
     CHECK(r.change[11] == 0);
     CHECK(r.sigma[11] == doctest::Approx(0.25).epsilon(1e-9));
@@ -211,7 +215,8 @@ TEST_CASE("refined labels: a narrow prior keeps its label") {
     LabelUnknowns u = all_unknowns();
     u.gaze_sigma = 1e-7;
     const auto views = photographs<double>(backend, avatar, truth, 48);
-    LabelRefiner refiner(backend, avatar, config, roles, u);
+    HostLabelDrawing drawing(backend, avatar, config, roles);
+    LabelRefiner refiner(backend.threads, drawing, u);
     const RefinedLabels r = refiner.refine(moved_drivers(truth, u, tracker_error()), views);
     CHECK(r.change.head(4).cwiseAbs().maxCoeff() < 1e-4);
 }
@@ -227,7 +232,8 @@ TEST_CASE("refined labels: the same bits for any number of threads") {
     const auto by_threads = [&](int threads) {
         ThreadPool pool(threads);
         const XsimdBackend<DefaultArch, ThreadPool::Handle> backend{pool.threads()};
-        LabelRefiner refiner(backend, avatar, config, roles, u);
+        HostLabelDrawing drawing(backend, avatar, config, roles);
+        LabelRefiner refiner(backend.threads, drawing, u);
         return refiner.refine(label, views);
     };
     const RefinedLabels one = by_threads(1), two = by_threads(2);
@@ -244,7 +250,8 @@ TEST_CASE("refined labels: faults name what is wrong") {
     const Labels truth = restricted<TrainedEffects>(tiny_drivers<double>());
     const auto message = [&](const LabelUnknowns& u, std::vector<LabelView<double>> views) {
         try {
-            LabelRefiner(backend, avatar, config, roles, u).refine(truth, views);
+            HostLabelDrawing drawing(backend, avatar, config, roles);
+            LabelRefiner(backend.threads, drawing, u).refine(truth, views);
         } catch (const Error& e) {
             return std::string(e.what());
         }

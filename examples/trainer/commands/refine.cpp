@@ -17,6 +17,7 @@
 #include "data/samples.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
+#include "device/choice.hpp"
 #include "training/refine.hpp"
 
 namespace rye::trainer {
@@ -24,7 +25,7 @@ namespace {
 
 struct RefineCommand {
     std::filesystem::path run, capture, out;
-    std::string frames = "train", expression = "active";
+    std::string frames = "train", expression = "active", device = "auto";
     double gaze_sigma = 4, rotation_sigma = 1; ///< [deg]
     bool no_gaze = false, no_pose = false, keep_points = false;
     int threads = 0;
@@ -98,6 +99,23 @@ void refine_by_labels(const RefineCommand& o) {
     std::printf("%s\n%s\n", o.out.string().c_str(), (o.out / "refine.json").string().c_str());
 }
 
+/// Returns the device that draws, or null for the CPU, and says why where that is no wish.
+std::unique_ptr<DeviceLabels> device_of(const RefineCommand& o, const TrainState& state,
+                                        const PlayableAvatar<float>& avatar) {
+    const DeviceWish wish = device_wish(o.device);
+    DeviceDecision decision = decided(wish, state.config, find_device());
+    if (decision.device) try {
+            return device_labels(avatar.avatar, avatar.config, avatar.roles);
+        } catch (const Error& e) { // too little memory
+            require(wish == DeviceWish::automatic, "--device",
+                    std::string("got cuda, but ") + e.what());
+            decision.reason = e.what();
+        }
+    if (!decision.reason.empty())
+        std::printf("pictures are drawn on the CPU: %s\n", decision.reason.c_str());
+    return nullptr;
+}
+
 void refine(RefineCommand o) {
     set_threads(o.threads);
     if (o.run.empty()) return refine_by_labels(o);
@@ -127,6 +145,8 @@ void refine(RefineCommand o) {
     require(listed.count() > 0, "rye refine",
             "--no-gaze, --no-pose and no expression leave nothing to refine");
     const PlayableAvatar<float> avatar = refined_avatar(state, capture);
+    const std::unique_ptr<DeviceLabels> device = device_of(o, state, avatar);
+    o.options.device = device.get();
     print_head(listed);
     const RefinedCapture refined =
         refine_capture(avatar, state.config.gaze_axis, capture, frames, o.options,
@@ -202,6 +222,7 @@ void add_refine(CLI::App& app) {
     c->add_flag("--keep-points", o->keep_points,
                 "Landmarks, vertices and eyeball centres stay in the world; else they move with "
                 "the head");
+    add_device(*c, o->device, drawing_device_help);
     add_memory(*c);
     add_threads(*c, o->threads);
     c->callback([o] { refine(*o); });

@@ -14,6 +14,7 @@
 #include <rye/nn/adam.hpp>
 #include <rye/train/cuda/steps.hpp>
 #include <rye/train/group.hpp>
+#include <rye/train/label_drawing.hpp>
 
 #include "model/effects.hpp"
 #include "model/ranks.hpp"
@@ -112,5 +113,28 @@ template <EffectSet E, int alignment = EIGEN_MAX_ALIGN_BYTES>
 std::unique_ptr<DeviceDrawer> device_drawer(const TwoStream<float, E>& avatar,
                                             const AvatarConfig& config, const LandmarkRoles& roles,
                                             const std::optional<LpipsWeights<float>>& lpips);
+
+/// Drawing of one avatar's labels on a device: a LabelDrawing (rye/train/label_drawing.hpp).
+class DeviceLabels {
+  public:
+    using Number = float;
+    using Labels = Drivers<float, TrainEffects>;
+
+    virtual ~DeviceLabels() = default;
+    virtual void drive(const Labels& labels) = 0;
+    virtual void differentiate(const std::vector<LabelEnds<Labels>>& ends, double apart) = 0;
+    virtual const Columns<float>& picture(const LabelView<float>& view) = 0;
+    virtual Columns<float> jacobian(const LabelView<float>& view,
+                                    const std::vector<Index>& pixels) = 0;
+    virtual Columns<double> sums(const LabelView<float>& view, const WeighedColours& colours) = 0;
+    virtual Index expression_width() const = 0;
+};
+
+/// Returns such a drawing on the current device. Throws an Error for sizes that do not fit, and in
+/// a build without kernels.
+template <EffectSet E, int alignment = EIGEN_MAX_ALIGN_BYTES>
+std::unique_ptr<DeviceLabels> device_labels(const TwoStream<float, E>& avatar,
+                                            const AvatarConfig& config,
+                                            const LandmarkRoles& roles);
 
 } // namespace rye::trainer

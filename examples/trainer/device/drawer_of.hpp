@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-/// device/drawer_of.hpp: DeviceDrawer by rye::DeviceAvatarDrawer, on any device that runs
-/// its kernels: CUDA (engine.hpp), or the emulation of the tests.
+/// device/drawer_of.hpp: DeviceDrawer by rye::DeviceAvatarDrawer, and DeviceLabels by
+/// rye::DeviceLabelDrawing, on any device that runs their kernels: CUDA (engine.hpp), or the
+/// emulation of the tests.
 #pragma once
 
 #include <rye/avatar/cuda/drawer.hpp>
 #include <rye/avatar/hold.hpp>
 #include <rye/loss/cuda/lpips.hpp>
+#include <rye/train/cuda/label_drawing.hpp>
 
 #include "device/device.hpp"
 #include "device/parts.hpp"
@@ -60,6 +62,37 @@ class DeviceDrawerOf final : public DeviceDrawer {
     DeviceAvatarDrawer<E, Device, Policy> drawer_;
     std::unique_ptr<Lpips> lpips_;
     DeviceBuffer<float> pictures_[2];
+};
+
+/// DeviceLabels on a Machine, as DeviceDrawerOf.
+template <class Machine>
+class DeviceLabelsOf final : public DeviceLabels {
+    using Device = typename Machine::Device;
+    using Policy = typename Machine::template Policy<drawing_planes>;
+
+  public:
+    DeviceLabelsOf(const Avatar& avatar, const AvatarConfig& config, const LandmarkRoles& roles)
+        : drawing_(Device{}, {machine_.stream(), machine_.memory}, {avatar, config, roles}) {}
+
+    void drive(const Labels& labels) override { drawing_.drive(labels); }
+    void differentiate(const std::vector<LabelEnds<Labels>>& ends, double apart) override {
+        drawing_.differentiate(ends, apart);
+    }
+    const Columns<float>& picture(const LabelView<float>& view) override {
+        return drawing_.picture(view);
+    }
+    Columns<float> jacobian(const LabelView<float>& view,
+                            const std::vector<Index>& pixels) override {
+        return drawing_.jacobian(view, pixels);
+    }
+    Columns<double> sums(const LabelView<float>& view, const WeighedColours& colours) override {
+        return drawing_.sums(view, colours);
+    }
+    Index expression_width() const override { return drawing_.expression_width(); }
+
+  private:
+    Machine machine_; // destroyed last: memory is returned on its stream
+    DeviceLabelDrawing<TrainEffects, Device, Policy> drawing_;
 };
 
 } // namespace rye::trainer

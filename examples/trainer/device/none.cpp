@@ -38,5 +38,10 @@ std::unique_ptr<DeviceDrawer> device_drawer<ComparedEffects>(
     const std::optional<LpipsWeights<float>>&) {
     throw Error(std::string("device_drawer: ") + why);
 }
+template <>
+std::unique_ptr<DeviceLabels> device_labels<TrainEffects>(const Avatar&, const AvatarConfig&,
+                                                          const LandmarkRoles&) {
+    throw Error(std::string("device_labels: ") + why);
+}
 
 } // namespace rye::trainer

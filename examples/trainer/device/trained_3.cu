@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stage 2 and pictures on a device: avatars of TrainEffects, networks' products of 3 planes.
+// Stage 2, pictures and labels on a device: avatars of TrainEffects, networks' products of 3 planes.
 #include "device/engine.hpp"
 
 namespace rye::trainer {
@@ -17,6 +17,13 @@ std::unique_ptr<DeviceDrawer> device_drawer<TrainEffects>(
     const LandmarkRoles& roles, const std::optional<LpipsWeights<float>>& lpips) {
     return std::make_unique<DeviceDrawerOf<TrainEffects, CudaMachine>>(avatar, config, roles,
                                                                        lpips);
+}
+
+template <>
+std::unique_ptr<DeviceLabels> device_labels<TrainEffects>(const Avatar& avatar,
+                                                          const AvatarConfig& config,
+                                                          const LandmarkRoles& roles) {
+    return std::make_unique<DeviceLabelsOf<CudaMachine>>(avatar, config, roles);
 }
 
 } // namespace rye::trainer

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include <rye/avatar/hold.hpp>
+#include <rye/train/host_label_drawing.hpp>
 
 #include "data/degrees.hpp"
 #include "data/median.hpp"
@@ -16,7 +17,6 @@ namespace rye::trainer {
 namespace {
 
 using Json = nlohmann::ordered_json;
-using Refiner = LabelRefiner<TrainBackend, float, TrainedEffects>;
 
 /// Returns the mask widened by `reach` pixels.
 Columns<float> widened(const Image<float>& mask, int reach) {
@@ -46,6 +46,39 @@ LabelView<float> label_view(const Capture& capture, int frame, int camera, int b
     v.weight = widened(shrunk(mask, block), beside)
                    .cwiseProduct(shrunk(visible, block).pixels);
     return v;
+}
+
+/// What refine_frames takes.
+struct FramesToRefine {
+    GazeAxis axis;
+    const Capture& capture;
+    const std::vector<int>& frames;
+    const RefineOptions& options;
+    const std::function<void(const RefinedFrame&)>& told;
+};
+
+/// Refines frames by these pictures of the avatar.
+template <LabelDrawing D>
+void refine_frames(RefinedCapture& r, D& drawing, const FramesToRefine& of) {
+    const Capture& capture = of.capture;
+    LabelRefiner refiner(train_backend().threads, drawing, r.unknowns, of.options.settings);
+    for (const int f : of.frames) {
+        RefinedFrame one;
+        one.frame = f;
+        std::vector<LabelView<float>> views;
+        for (int c = 0; c < capture.camera_count(); ++c)
+            if (capture.view(f, c).present) views.push_back(label_view(capture, f, c, r.block));
+        one.views = static_cast<int>(views.size());
+        try {
+            one.found = refiner.refine(
+                restricted<TrainedEffects>(frame_drivers(capture, f, of.axis)), views);
+        } catch (const Error& e) {
+            throw Error(capture.folder.string() + ": frame '" +
+                        capture.frames[static_cast<std::size_t>(f)].id + "': " + e.what());
+        }
+        r.frames.push_back(std::move(one));
+        if (of.told) of.told(r.frames.back());
+    }
 }
 
 /// Marks frames whose residual exceeds the median by three deviations and by a quarter of it.
@@ -133,26 +166,14 @@ RefinedCapture refine_capture(const PlayableAvatar<float>& avatar, GazeAxis axis
     const int side = std::max(capture.width, capture.height);
     r.block = std::max(1 << avatar.avatar.upsampler.shape.doublings,
                        (side + options.size - 1) / options.size);
-    Rasterizer<FeaturesOnly<Balanced>> rasterizer;
-    rasterizer.accuracy.max_memory = memory_limit();
-    Refiner refiner(train_backend(), avatar.avatar, avatar.config, avatar.roles, r.unknowns,
-                    options.settings, rasterizer);
-    for (const int f : frames) {
-        RefinedFrame one;
-        one.frame = f;
-        std::vector<LabelView<float>> views;
-        for (int c = 0; c < capture.camera_count(); ++c)
-            if (capture.view(f, c).present) views.push_back(label_view(capture, f, c, r.block));
-        one.views = static_cast<int>(views.size());
-        try {
-            one.found = refiner.refine(
-                restricted<TrainedEffects>(frame_drivers(capture, f, axis)), views);
-        } catch (const Error& e) {
-            throw Error(capture.folder.string() + ": frame '" +
-                        capture.frames[static_cast<std::size_t>(f)].id + "': " + e.what());
-        }
-        r.frames.push_back(std::move(one));
-        if (told) told(r.frames.back());
+    if (options.device != nullptr) {
+        refine_frames(r, *options.device, {axis, capture, frames, options, told});
+    } else {
+        Rasterizer<FeaturesOnly<Balanced>> rasterizer;
+        rasterizer.accuracy.max_memory = memory_limit();
+        HostLabelDrawing drawing(train_backend(), avatar.avatar, avatar.config, avatar.roles,
+                                 rasterizer);
+        refine_frames(r, drawing, {axis, capture, frames, options, told});
     }
     mark_outliers(r.frames);
     r.mean = take_mean(r, options);

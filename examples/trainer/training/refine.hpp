@@ -13,6 +13,7 @@
 #include "data/capture.hpp"
 #include "data/changed_labels.hpp"
 #include "data/config.hpp"
+#include "device/device.hpp"
 #include "model/run.hpp"
 
 namespace rye::trainer {
@@ -25,6 +26,7 @@ struct RefineOptions {
     RefinedExpression expression = RefinedExpression::active;
     RefineSettings settings;
     int size = 256;           ///< largest side of the compared pictures [px]
+    DeviceLabels* device = nullptr; ///< draws the pictures; null: the CPU
     bool keep_gaze_mean = false; ///< true: keeps the mean change of the gazes
     bool keep_pose_mean = false; ///< true: keeps the mean change of the head poses
 };
