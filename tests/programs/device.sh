@@ -196,6 +196,19 @@ drawn() {
 }
 for run in told sight parts/*; do drawn "$run"; done
 drawn told --eye 1,0,9 --size 47x33 # sides that super-resolution's blocks exceed
+# Labels refined by either side, and by the device to the same bits.
+for side in device again cpu; do
+    wish=cuda
+    [ $side = cpu ] && wish=cpu
+    "$rye" refine told --capture cap --size 24 --steps 4 --device $wish --out refined_$side > log.txt
+done
+diff -r refined_device refined_again || fail "labels refined twice differ"
+residuals() { tr -d '",' < "$1/refine.json" | awk '$1 == "residual_before:" || $1 == "residual:" || $1 == "noise:"'; }
+residuals refined_device > device.txt
+residuals refined_cpu > cpu.txt
+paste -d ' ' device.txt cpu.txt | awk '
+    $2 - $4 > 1e-3 * $4 || $4 - $2 > 1e-3 * $4 { print "the device has " $0; bad = 1 }
+    END { exit bad || NR != 6 }' || fail "residuals of refined labels differ"
 "$rye" evaluate --run told --out on_device > log.txt
 "$plain" evaluate --run told --out by_cpu --threads 1 > log.txt
 grep -q '"device": "an emulated device"' on_device/results.json || fail "no device in results.json"
