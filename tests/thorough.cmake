@@ -219,7 +219,8 @@ if(RYE_CUDA)
   add_library(rye_device_references STATIC ${rye_test_references})
   target_link_libraries(rye_device_references PRIVATE rye_test_flags)
   target_compile_options(rye_device_references PRIVATE ${apart})
-  foreach(name rasterizer_device networks_device avatar_device drawer_device steps_device)
+  foreach(name rasterizer_device networks_device avatar_device drawer_device labels_device
+          steps_device)
     add_executable(${name} cuda/${name}.cu)
     target_link_libraries(${name} PRIVATE rye_cuda rye_device_references doctest::doctest)
     target_compile_options(${name} PRIVATE ${rye_host_flags} -Xcompiler=${apart})
@@ -227,13 +228,14 @@ if(RYE_CUDA)
   endforeach()
   add_test(NAME rasterizer_device_lost COMMAND rasterizer_device lost)
   set_tests_properties(rasterizer_device rasterizer_device_lost networks_device avatar_device
-                       drawer_device steps_device
+                       drawer_device labels_device steps_device
                        PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
 else()
   rye_not_run(rasterizer_device "configured without RYE_CUDA")
   rye_not_run(networks_device "configured without RYE_CUDA")
   rye_not_run(avatar_device "configured without RYE_CUDA")
   rye_not_run(drawer_device "configured without RYE_CUDA")
+  rye_not_run(labels_device "configured without RYE_CUDA")
   rye_not_run(steps_device "configured without RYE_CUDA")
 endif()
 

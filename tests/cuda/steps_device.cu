@@ -2,7 +2,6 @@
 // steps_device: the cases of whole training steps on a device; where there is none it says so.
 #include "on_device.hpp"
 
-#include "label_cases.hpp"
 #include "step_cases.hpp"
 
 #include <rye/backend/cuda/page_locked.hpp>
@@ -33,10 +32,6 @@ TEST_CASE("device: training steps make room for lists") {
     steps_make_room<Fine>(CudaDevice(), queue());
 }
 TEST_CASE("device: what training steps refuse") { steps_refused<Fine>(CudaDevice(), queue()); }
-TEST_CASE("device: labels are refined as on the host") {
-    labels_refined<Fine>(CudaDevice(), queue());
-    labels_refused<Fine>(CudaDevice(), queue());
-}
 TEST_CASE("device: graphs of steps whose renders get more channels later") {
     StepScene scene({});
     const std::vector<StepDraw> few(4, scene.draws[1]); // the eyes in three channels
