@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -128,6 +129,61 @@ Arrivals gauss_newton(const P& threads, D& drawing, const LabelTask<typename D::
     return at;
 }
 
+/// A drawing that notes how long its verbs take.
+template <LabelDrawing D>
+class TimedDrawing {
+  public:
+    using Number = typename D::Number;
+    using Labels = typename D::Labels;
+
+    explicit TimedDrawing(D& of) : of_(&of) {}
+    void drive(const Labels& labels) {
+        timed("drive", [&] { of_->drive(labels); });
+    }
+    void differentiate(const std::vector<LabelEnds<Labels>>& ends, double apart) {
+        timed("differentiate", [&] { of_->differentiate(ends, apart); });
+    }
+    const Columns<Number>& picture(const LabelView<Number>& view) {
+        const Columns<Number>* r = nullptr;
+        timed("picture", [&] { r = &of_->picture(view); });
+        return *r;
+    }
+    Columns<Number> jacobian(const LabelView<Number>& view, const std::vector<Index>& pixels) {
+        return of_->jacobian(view, pixels);
+    }
+    Columns<double> sums(const LabelView<Number>& view, const WeighedColours& colours) {
+        Columns<double> r;
+        timed("sums", [&] { r = of_->sums(view, colours); });
+        return r;
+    }
+    Index expression_width() const { return of_->expression_width(); }
+
+    /// Prints the verbs' milliseconds a call, and what of `all` seconds they leave.
+    void print(double all) const {
+        for (const auto& [name, t] : times_) {
+            std::printf("%s %d x %.2f ms, ", name.c_str(), t.calls, 1e3 * t.seconds / t.calls);
+            all -= t.seconds;
+        }
+        std::printf("the rest %.1f ms\n\n", 1e3 * all);
+    }
+
+  private:
+    struct Time {
+        int calls = 0;
+        double seconds = 0;
+    };
+    template <class F>
+    void timed(const char* name, const F& f) {
+        const double begin = wall_seconds();
+        f();
+        Time& t = times_[name];
+        ++t.calls;
+        t.seconds += wall_seconds() - begin;
+    }
+    D* of_;
+    std::map<std::string, Time> times_;
+};
+
 /// Returns the residuals' standard deviation as LabelRefiner estimates it, at the task's labels.
 template <LabelDrawing D>
 double noise_at_labels(D& drawing, const LabelTask<typename D::Labels>& task) {
@@ -178,6 +234,15 @@ bool compare_methods(const P& threads, D& drawing, Cost& cost,
         "|---|---|---|---|---|---|\n");
     print("the labels", 0, 0, task.left(task.label));
     const Arrivals newton = gauss_newton(threads, drawing, task, 20);
+    {
+        TimedDrawing timed(drawing);
+        LabelRefiner refiner(threads, timed, task.unknowns);
+        const double begin = wall_seconds();
+        const int steps = refiner.refine(task.label, task.views).steps;
+        const double seconds = wall_seconds() - begin;
+        std::printf("\nparts of a refinement of %d steps, %.3f s: ", steps, seconds);
+        timed.print(seconds);
+    }
     Arrivals best{-1, -1};
     for (const double rate : {0.03, 0.1, 0.3}) {
         const Arrivals a = adam(cost, task, rate, most);

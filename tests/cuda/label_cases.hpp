@@ -77,7 +77,8 @@ void labels_refined(const Device& device, const CudaQueue& queue) {
         CHECK((sums - product).norm() < 1e-12 * product.norm());
         CHECK(sums == own.sums(view, colours));
     }
-    LabelRefiner host_again(Serial{}, host, s.unknowns), again(Serial{}, own, s.unknowns);
+    LabelRefiner host_again(Serial{}, host, s.unknowns);
+    LabelRefiner again(Serial{}, own, s.unknowns);
     const RefinedLabels truth = host_again.refine(s.label, s.views);
     const RefinedLabels found = again.refine(s.label, s.views);
     CHECK(truth.residual < 0.1 * truth.first_residual);

@@ -43,9 +43,10 @@ struct Subject {
     }
     template <class Backend>
     FittedLids fit(const Backend& backend, TwoStream<double>& a, int steps,
-                   const std::vector<Index>& blinks = {blink}) const {
+                   const std::vector<Index>& blinks = {blink}, Index lids = 1000) const {
         LidFit fit;
         fit.steps = steps;
+        fit.lids = lids;
         fit.rate = 1e-2;
         fit.deform_rate = 1e-3;
         fit.others = 16;
@@ -105,10 +106,44 @@ TEST_CASE("lids that a blink takes into an eyeball are put before it") {
     CHECK(moved.col(3) == points.col(3)); // beyond the middle
 }
 
+TEST_CASE("some of the lids: evenly spread, with their neighbours") {
+    Draw draw;
+    const Columns<double> at = draw.columns(3, 60, 1);
+    const NeighbourGraph graph = four_nearest_by_grid(ScalarBackend<>{}, at);
+    std::vector<Index> moved;
+    std::vector<double> growth;
+    for (Index i = 0; i < 60; ++i) {
+        moved.push_back(i);
+        growth.push_back(i % 3 == 0 ? 2.0 : 1.0);
+    }
+    const detail::LidPoints all(moved, Columns<double>(Columns<double>::Ones(1, 60)), growth,
+                                graph);
+    REQUIRE(all.lids.size() == 20);
+    REQUIRE(all.others.size() == 40);
+    for (const double start : {0.0, 0.5, 0.99999999999999999}) {
+        const detail::LidPoints some(all, 7, start);
+        REQUIRE(some.lids.size() == 7);
+        REQUIRE(some.near.size() == 7);
+        for (std::size_t k = 0; k < 7; ++k) {
+            CHECK(some.around[k] == some.lids[k]);
+            CHECK((k == 0 || some.lids[k] > some.lids[k - 1]));
+            for (std::size_t j = 0; j < 4; ++j)
+                CHECK(some.around[static_cast<std::size_t>(some.near[k][j])] ==
+                      graph[static_cast<std::size_t>(some.lids[k])][j]);
+        }
+        std::vector<Index> once = some.around;
+        std::sort(once.begin(), once.end());
+        CHECK(std::adjacent_find(once.begin(), once.end()) == once.end());
+    }
+}
+
 TEST_CASE("lids that are fitted grow as they close, and nothing else changes") {
     const Subject subject;
     TwoStream<double> fitted = subject.avatar;
-    const FittedLids result = subject.fit(ScalarBackend<>{}, fitted, 1500);
+    Index lids = 1000;
+    SUBCASE("all of them in each frame") {}
+    SUBCASE("a few of them") { lids = 5; }
+    const FittedLids result = subject.fit(ScalarBackend<>{}, fitted, 1500, {blink}, lids);
     CHECK(result.points > 5);
     CHECK(result.points < subject.avatar.face.position.cols() - 5);
     CAPTURE(result.lids.attributes);

@@ -27,6 +27,7 @@ namespace rye {
 struct LidFit {
     int steps = 0;      ///< 0: no fit
     int batch = 4;      ///< frames a step
+    Index lids = 768;   ///< most points of the lids a frame; of more, evenly spread ones
     Index others = 256; ///< points a frame that are to stay as they are
     double rate = 2e-3; ///< first learning rate of the attributes; the last is a twentieth
     double deform_rate = 2e-4; ///< of the displacements
@@ -155,18 +156,41 @@ struct LidPoints {
         std::vector<Index> place(graph.size(), -1);
         for (std::size_t k = 0; k < lids.size(); ++k)
             place[static_cast<std::size_t>(lids[k])] = static_cast<Index>(k);
-        for (const Index i : lids) {
-            std::array<Index, 4> places = graph[static_cast<std::size_t>(i)];
-            for (Index& j : places) {
-                Index& at = place[static_cast<std::size_t>(j)];
-                if (at < 0) {
-                    at = static_cast<Index>(around.size());
-                    around.push_back(j);
-                }
-                j = at;
-            }
-            near.push_back(places);
+        for (const Index i : lids)
+            add_neighbours(graph[static_cast<std::size_t>(i)], place, [](Index j) { return j; });
+    }
+    /// Of `count` lids, evenly spread from a start within [0, 1); without the others.
+    LidPoints(const LidPoints& all, Index count, double start) {
+        const auto many = static_cast<double>(all.lids.size());
+        std::vector<Index> chosen, place(all.around.size(), -1);
+        for (Index k = 0; k < count; ++k) {
+            const auto i = static_cast<std::size_t>(
+                std::min((static_cast<double>(k) + start) * many / static_cast<double>(count),
+                         many - 1));
+            place[i] = k;
+            chosen.push_back(static_cast<Index>(i));
+            lids.push_back(all.lids[i]);
         }
+        around = lids;
+        for (const Index i : chosen)
+            add_neighbours(all.near[static_cast<std::size_t>(i)], place,
+                           [&](Index j) { return all.around[static_cast<std::size_t>(j)]; });
+    }
+
+  private:
+    /// Adds a lid's neighbours to `near`, and to `around` those that `place` does not know yet.
+    template <class Point>
+    void add_neighbours(std::array<Index, 4> neighbours, std::vector<Index>& place,
+                        const Point& point) {
+        for (Index& j : neighbours) {
+            Index& at = place[static_cast<std::size_t>(j)];
+            if (at < 0) {
+                at = static_cast<Index>(around.size());
+                around.push_back(point(j));
+            }
+            j = at;
+        }
+        near.push_back(neighbours);
     }
 };
 
@@ -189,7 +213,6 @@ class LidFitter {
           attributes_before_(avatar.face.exp_attributes),
           deform_before_(avatar.face.networks.exp_deform),
           points_(find_points()),
-          around_(all_.of(points_.around)),
           attributes_(attributes_before_),
           deform_(deform_before_),
           g_attributes_(zeros_like(attributes_)),
@@ -272,16 +295,21 @@ class LidFitter {
 
     /// Adds the gradients of a frame.
     void add_frame(const VecX<T>& expression, const Random& random) {
+        if (static_cast<Index>(points_.lids.size()) <= fit_.lids)
+            return add_lids(points_, expression, random);
+        add_lids({points_, fit_.lids, random.fork(2).uniform(0)}, expression, random);
+    }
+    void add_lids(const LidPoints& lids, const VecX<T>& expression, const Random& random) {
         const VecX<T> open = with_lids_at(expression, 0);
-        const Columns<T> resting = displaced(around_, open);
-        Columns<T> closing = displaced(around_, expression);
+        const FacePart<T> around = all_.of(lids.around);
+        const Columns<T> resting = displaced(around, open);
+        Columns<T> closing = displaced(around, expression);
         move_out_of_eyeballs(eyes_, fit_.clear, resting, closing);
-        const std::vector<double> growth =
-            growth_of<T>(closing, resting, points_.near, fit_.most);
+        const std::vector<double> growth = growth_of<T>(closing, resting, lids.near, fit_.most);
 
-        const auto count = static_cast<Index>(points_.lids.size());
+        const auto count = static_cast<Index>(lids.lids.size());
         const auto rest = static_cast<Index>(points_.others.size());
-        std::vector<Index> which = points_.lids;
+        std::vector<Index> which = lids.lids;
         for (Index k = 0; k < std::min(fit_.others, rest); ++k)
             which.push_back(points_.others[static_cast<std::size_t>(
                 random.below(4 + static_cast<std::uint64_t>(k), rest))]);
@@ -297,27 +325,32 @@ class LidFitter {
         places.leftCols(count) = closing.leftCols(count);
 
         pull(Field{attributes_, Squash::none, gain_}, {part.feature, part.influence, expression},
-             steps, Columns<T>::Zero(8, part.position.cols()), &LidErrors::attributes,
+             {count, steps, &LidErrors::attributes}, Columns<T>::Zero(8, part.position.cols()),
              g_attributes_);
-        pull(Field{deform_, Squash::tanh, reach_}, {part.code, part.influence, expression}, places,
-             part.position, &LidErrors::place, g_deform_);
+        pull(Field{deform_, Squash::tanh, reach_}, {part.code, part.influence, expression},
+             {count, places, &LidErrors::place}, part.position, g_deform_);
         if (reported_) ++seen_;
     }
 
+    /// What a field is to give, lids first, and the error that tells how well it does.
+    struct Wanted {
+        Index lids;
+        const Columns<T>& sum;
+        double LidErrors::* error;
+    };
     /// Adds the gradient of the mean squared difference of what a field is added to from `wanted`.
     template <class A>
-    void pull(const Field<T, A>& field, const FieldInput<T>& input, const Columns<T>& wanted,
-              Columns<T> sum, double LidErrors::* error, Network& gradient) {
+    void pull(const Field<T, A>& field, const FieldInput<T>& input, const Wanted& wanted,
+              Columns<T> sum, Network& gradient) {
         FieldTrace<T> trace;
         add_field(backend_, field, input, sum, trace);
-        sum -= wanted;
-        const auto count = static_cast<Index>(points_.lids.size()), rest = sum.cols() - count;
+        sum -= wanted.sum;
         if (reported_) {
             const auto mean = [](const auto& part) {
                 return static_cast<double>(part.squaredNorm()) / static_cast<double>(part.size());
             };
-            lids_.*error += mean(sum.leftCols(count));
-            others_.*error += mean(sum.rightCols(rest));
+            lids_.*wanted.error += mean(sum.leftCols(wanted.lids));
+            others_.*wanted.error += mean(sum.rightCols(sum.cols() - wanted.lids));
         }
         const Columns<T> g = T(2.0 / (fit_.batch * static_cast<double>(sum.cols()))) * sum;
         field_vjp(backend_, field, {input.lambda, input.frame, trace}, g, {&gradient});
@@ -331,7 +364,6 @@ class LidFitter {
     FacePart<T> all_;
     Network attributes_before_, deform_before_;
     LidPoints points_;
-    FacePart<T> around_;
     Network attributes_, deform_, g_attributes_, g_deform_;
     Adam<Network> adam_attributes_, adam_deform_;
     bool reported_ = false;
