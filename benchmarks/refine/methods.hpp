@@ -140,8 +140,8 @@ class TimedDrawing {
     void drive(const Labels& labels) {
         timed("drive", [&] { of_->drive(labels); });
     }
-    void differentiate(const std::vector<LabelEnds<Labels>>& ends, double apart) {
-        timed("differentiate", [&] { of_->differentiate(ends, apart); });
+    void differentiate(const Labels& labels, const std::vector<Labels>& moved, double apart) {
+        timed("differentiate", [&] { of_->differentiate(labels, moved, apart); });
     }
     const Columns<Number>& picture(const LabelView<Number>& view) {
         const Columns<Number>* r = nullptr;
@@ -225,6 +225,23 @@ Arrivals adam(Cost& cost, const LabelTask<Labels>& task, double rate, int most) 
     return at;
 }
 
+/// Prints where the time of a refinement goes, with so many coefficients of the expression.
+template <class P, LabelDrawing D>
+void print_parts(const P& threads, D& drawing, const LabelTask<typename D::Labels>& task,
+                 Index coefficients) {
+    LabelUnknowns unknowns = task.unknowns;
+    for (Index i = 0; i < std::min(coefficients, drawing.expression_width()); ++i)
+        unknowns.expression.push_back(i);
+    TimedDrawing timed(drawing);
+    LabelRefiner refiner(threads, timed, unknowns);
+    const double begin = wall_seconds();
+    const int steps = refiner.refine(task.label, task.views).steps;
+    const double seconds = wall_seconds() - begin;
+    std::printf("\n%d unknowns, %d steps, %.3f s: ", static_cast<int>(unknowns.count()), steps,
+                seconds);
+    timed.print(seconds);
+}
+
 /// Runs both and prints the table and when each arrived; returns whether Gauss-Newton did.
 template <class P, LabelDrawing D, class Cost>
 bool compare_methods(const P& threads, D& drawing, Cost& cost,
@@ -234,15 +251,8 @@ bool compare_methods(const P& threads, D& drawing, Cost& cost,
         "|---|---|---|---|---|---|\n");
     print("the labels", 0, 0, task.left(task.label));
     const Arrivals newton = gauss_newton(threads, drawing, task, 20);
-    {
-        TimedDrawing timed(drawing);
-        LabelRefiner refiner(threads, timed, task.unknowns);
-        const double begin = wall_seconds();
-        const int steps = refiner.refine(task.label, task.views).steps;
-        const double seconds = wall_seconds() - begin;
-        std::printf("\nparts of a refinement of %d steps, %.3f s: ", steps, seconds);
-        timed.print(seconds);
-    }
+    print_parts(threads, drawing, task, 0);
+    print_parts(threads, drawing, task, 40);
     Arrivals best{-1, -1};
     for (const double rate : {0.03, 0.1, 0.3}) {
         const Arrivals a = adam(cost, task, rate, most);

@@ -148,7 +148,7 @@ TEST_CASE("refined labels: columns of the Jacobian are those of duals through dr
     std::vector<Index> pixels;
     for (Index p = 0; p < views[0].truth.cols(); ++p) pixels.push_back(p);
     RefineSettings settings;
-    settings.difference = 1e-3;
+    settings.difference = 1e-6;
     HostLabelDrawing drawing(backend, avatar, config, roles);
     LabelRefiner refiner(backend.threads, drawing, u, settings);
     VecX<double> x = VecX<double>::Constant(u.count(), 0.3);

@@ -122,7 +122,8 @@ class DeviceLabels {
 
     virtual ~DeviceLabels() = default;
     virtual void drive(const Labels& labels) = 0;
-    virtual void differentiate(const std::vector<LabelEnds<Labels>>& ends, double apart) = 0;
+    virtual void differentiate(const Labels& labels, const std::vector<Labels>& moved,
+                               double apart) = 0;
     virtual const Columns<float>& picture(const LabelView<float>& view) = 0;
     virtual Columns<float> jacobian(const LabelView<float>& view,
                                     const std::vector<Index>& pixels) = 0;

@@ -75,8 +75,9 @@ class DeviceLabelsOf final : public DeviceLabels {
         : drawing_(Device{}, {machine_.stream(), machine_.memory}, {avatar, config, roles}) {}
 
     void drive(const Labels& labels) override { drawing_.drive(labels); }
-    void differentiate(const std::vector<LabelEnds<Labels>>& ends, double apart) override {
-        drawing_.differentiate(ends, apart);
+    void differentiate(const Labels& labels, const std::vector<Labels>& moved,
+                       double apart) override {
+        drawing_.differentiate(labels, moved, apart);
     }
     const Columns<float>& picture(const LabelView<float>& view) override {
         return drawing_.picture(view);

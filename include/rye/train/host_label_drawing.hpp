@@ -35,17 +35,16 @@ class HostLabelDrawing {
     Index expression_width() const { return width_; }
 
     void drive(const Labels& labels) { gaussians_ = colours(cache_.update(labels)); }
-    void differentiate(const std::vector<LabelEnds<Labels>>& ends, double apart) {
+    void differentiate(const Labels& labels, const std::vector<Labels>& moved, double apart) {
+        drive(labels);
         tangents_.clear();
-        for (const LabelEnds<Labels>& e : ends) {
-            Gaussians<T> t = colours(cache_.update(e.after));
-            const Gaussians<T> before = colours(cache_.update(e.before));
+        for (const Labels& m : moved) {
+            tangents_.push_back(colours(cache_.update(m)));
             Gaussians<T>::fields(
                 [&](const std::string&, auto& to, const auto& from) {
                     to = (to - from) * T(1 / apart);
                 },
-                t, before);
-            tangents_.push_back(std::move(t));
+                tangents_.back(), gaussians_);
         }
     }
     const Columns<T>& picture(const LabelView<T>& view) {

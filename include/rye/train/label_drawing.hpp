@@ -19,16 +19,10 @@ struct WeighedColours {
     Columns<double> residual; ///< 3 x pixels, render minus photograph, scaled
 };
 
-/// Ends of a difference by which an unknown is differentiated.
-template <class Labels>
-struct LabelEnds {
-    Labels after, before;
-};
-
 /// Draws an avatar by labels, and differentiates its pictures by them.
 /// `drive` takes the labels of the pictures that follow.
-/// `differentiate` keeps the driven Gaussians' derivatives by n unknowns, differences over `apart`,
-/// until the next call; drive again before pictures.
+/// `differentiate` takes labels, too, and keeps the driven Gaussians' derivatives by n unknowns until
+/// the next call: differences to those by `moved`, one for each unknown, over `apart`.
 /// `picture` returns colours, 3 x pixels; NaN if a Gaussian is not finite.
 /// `jacobian` returns the derivatives of the last picture's colours, which was of this view: three
 /// rows (channels) for each pixel named, a column per unknown.
@@ -37,10 +31,10 @@ struct LabelEnds {
 template <class D>
 concept LabelDrawing =
     requires(D& d, const typename D::Labels& labels,
-             const std::vector<LabelEnds<typename D::Labels>>& ends,
-             const LabelView<typename D::Number>& view, const WeighedColours& colours) {
+             const std::vector<typename D::Labels>& moved, const LabelView<typename D::Number>& view,
+             const WeighedColours& colours) {
         d.drive(labels);
-        d.differentiate(ends, 1.0);
+        d.differentiate(labels, moved, 1.0);
         { d.picture(view) } -> std::convertible_to<const Columns<typename D::Number>&>;
         { d.jacobian(view, colours.pixels) } -> std::same_as<Columns<typename D::Number>>;
         { d.sums(view, colours) } -> std::same_as<Columns<double>>;

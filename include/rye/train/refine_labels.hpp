@@ -9,7 +9,7 @@
 /// Unknowns are in units of their priors: 1 is one sigma from the label and costs 1. The cost of
 /// the pixels is Huber's, over the residuals' variance, which each round estimates anew from their
 /// median.
-/// Derivatives of the driven Gaussians are central differences; those of pictures are exact.
+/// Derivatives of the driven Gaussians are differences; those of pictures are exact.
 #pragma once
 
 #include <algorithm>
@@ -30,7 +30,7 @@ struct RefineSettings {
     double huber = 1.5;        ///< residual beyond which its cost is linear [standard deviations]
     double alike = 12;         ///< number of residuals that err together, and so count as one
     double least_noise = 0.002; ///< smallest standard deviation of a residual [colour]
-    double difference = 0.1;   ///< step of the central differences [sigma]
+    double difference = 0.1;   ///< step of the differences [sigma]
 };
 
 /// Result of a refinement.
@@ -122,16 +122,13 @@ class LabelRefiner {
     }
     /// Differentiates the driven Gaussians at x, and drives there.
     void differentiate(const Labels& label, const VecX<double>& x) {
-        const double h = settings_.difference;
-        std::vector<LabelEnds<Labels>> ends;
+        std::vector<Labels> moved;
         for (Index k = 0; k < x.size(); ++k) {
-            VecX<double> after = x, before = x;
-            after[k] += h;
-            before[k] -= h;
-            ends.push_back({labels_at(label, after), labels_at(label, before)});
+            VecX<double> at = x;
+            at[k] += settings_.difference;
+            moved.push_back(labels_at(label, at));
         }
-        drawing_->differentiate(ends, 2 * h);
-        drawing_->drive(labels_at(label, x));
+        drawing_->differentiate(labels_at(label, x), moved, settings_.difference);
     }
 
     static std::vector<std::vector<Index>> used_pixels(

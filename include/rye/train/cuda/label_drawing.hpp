@@ -17,30 +17,47 @@
 
 namespace rye {
 
-/// Numbers of Gaussians with their first three features: those of a cloud, or their differences
-/// over a length from the numbers that are there.
+/// Numbers of Gaussians with their first three features.
 struct KeepColours {
     static constexpr const char* name = "Gaussians' colours";
     DeviceGaussians<const float> from;
     DeviceGaussians<float> to;
-    float over = 0; ///< 1 / length; 0: the numbers themselves
 
     RYE_DEVICE void operator()(Index i) const {
-        one(from.mean, to.mean, i, 3);
-        one(from.rotation, to.rotation, i, 4);
-        one(from.scale, to.scale, i, 3);
-        one(from.opacity, to.opacity, i, 1);
-        one(from.feature, to.feature, i, 3);
+        one(from.mean, to.mean, i);
+        one(from.rotation, to.rotation, i);
+        one(from.scale, to.scale, i);
+        one(from.opacity, to.opacity, i);
+        one(from.feature, to.feature, i);
     }
 
   private:
     RYE_DEVICE void one(const DeviceColumns<const float>& a, const DeviceColumns<float>& b,
-                        Index i, int rows) const {
-        for (int k = 0; k < rows; ++k) {
-            const float value = a.data[a.rows * i + k];
-            float& kept = b.data[b.rows * i + k];
-            kept = over == 0.0F ? value : (kept - value) * over;
-        }
+                        Index i) const {
+        for (Index k = 0; k < b.rows; ++k) b.data[b.rows * i + k] = a.data[a.rows * i + k];
+    }
+};
+
+/// Differences of these numbers from others of three features, over a length.
+struct ColourDifference {
+    static constexpr const char* name = "Gaussians' differences";
+    DeviceGaussians<const float> from, at;
+    DeviceGaussians<float> to;
+    float over; ///< 1 / length
+
+    RYE_DEVICE void operator()(Index i) const {
+        one(from.mean, at.mean, to.mean, i);
+        one(from.rotation, at.rotation, to.rotation, i);
+        one(from.scale, at.scale, to.scale, i);
+        one(from.opacity, at.opacity, to.opacity, i);
+        one(from.feature, at.feature, to.feature, i);
+    }
+
+  private:
+    RYE_DEVICE void one(const DeviceColumns<const float>& a, const DeviceColumns<const float>& b,
+                        const DeviceColumns<float>& c, Index i) const {
+        for (Index k = 0; k < c.rows; ++k)
+            c.data[c.rows * i + k] = (a.data[a.rows * i + k] - b.data[b.rows * i + k]) * over;
     }
 };
 
@@ -121,17 +138,22 @@ class DeviceLabelDrawing {
 
     void drive(const Labels& labels) {
         drawer_.drive(queue_, labels);
-        keep(gaussians_, 0);
+        const DeviceGaussians<float>& driven = drawer_.avatar().cloud();
+        gaussians_.reserve(queue_, driven.count(), 3);
+        launch_each(device_, queue_, driven.count(), KeepColours{driven, gaussians_.view()});
     }
-    void differentiate(const std::vector<LabelEnds<Labels>>& ends, double apart) {
-        while (tangents_.size() < ends.size())
+    void differentiate(const Labels& labels, const std::vector<Labels>& moved, double apart) {
+        drive(labels);
+        while (tangents_.size() < moved.size())
             tangents_.push_back(std::make_unique<DeviceCloudBuffer>());
-        count_ = ends.size();
+        count_ = moved.size();
         for (std::size_t k = 0; k < count_; ++k) {
-            drawer_.drive(queue_, ends[k].after);
-            keep(*tangents_[k], 0);
-            drawer_.drive(queue_, ends[k].before);
-            keep(*tangents_[k], static_cast<float>(1 / apart));
+            drawer_.drive(queue_, moved[k]);
+            const DeviceGaussians<float>& driven = drawer_.avatar().cloud();
+            tangents_[k]->reserve(queue_, driven.count(), 3);
+            launch_each(device_, queue_, driven.count(),
+                        ColourDifference{driven, gaussians_.view(), tangents_[k]->view(),
+                                         static_cast<float>(1 / apart)});
         }
     }
     const Columns<float>& picture(const LabelView<float>& view) {
@@ -207,12 +229,6 @@ class DeviceLabelDrawing {
         device_.fetch(queue_, to, from, bytes<float>(n));
     }
 
-    /// Puts the driven Gaussians' colours, or their difference from `to`, on the stream.
-    void keep(DeviceCloudBuffer& to, float over) {
-        const DeviceGaussians<float>& from = drawer_.avatar().cloud();
-        to.reserve(queue_, from.count(), 3);
-        launch_each(device_, queue_, from.count(), KeepColours{from, to.view(), over});
-    }
     /// Puts the last picture's derivatives by all unknowns on the stream.
     void derive(const LabelView<float>& view) {
         const Index pixels = pixels_of(view);
