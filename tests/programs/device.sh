@@ -200,7 +200,7 @@ drawn told --eye 1,0,9 --size 47x33 # sides that super-resolution's blocks excee
 for side in device again cpu; do
     wish=cuda
     [ $side = cpu ] && wish=cpu
-    "$rye" refine told --capture cap --size 24 --steps 4 --device $wish --out refined_$side > log.txt
+    "$rye" refine told --capture cap --size 24 --steps 4 --expression active --device $wish --out refined_$side > log.txt
 done
 diff -r refined_device refined_again || fail "labels refined twice differ"
 residuals() { tr -d '",' < "$1/refine.json" | awk '$1 == "residual_before:" || $1 == "residual:" || $1 == "noise:"'; }

@@ -25,7 +25,7 @@ namespace {
 
 struct RefineCommand {
     std::filesystem::path run, capture, out;
-    std::string frames = "train", expression = "active", device = "auto";
+    std::string frames = "train", expression = "none", device = "auto";
     double gaze_sigma = 4, rotation_sigma = 1; ///< [deg]
     bool no_gaze = false, no_pose = false, keep_points = false;
     int threads = 0;

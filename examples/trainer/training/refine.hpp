@@ -23,7 +23,7 @@ enum class RefinedExpression { none, active, all };
 
 struct RefineOptions {
     LabelUnknowns unknowns;   ///< without their expressions
-    RefinedExpression expression = RefinedExpression::active;
+    RefinedExpression expression = RefinedExpression::none;
     RefineSettings settings;
     int size = 256;           ///< largest side of the compared pictures [px]
     DeviceLabels* device = nullptr; ///< draws the pictures; null: the CPU
