@@ -57,8 +57,8 @@ struct LabelTask {
     /// hundredths of a unit.
     void mislabel() {
         VecX<double> off(10);
-        off << 4 * degree, 0, -2.5 * degree, 3 * degree, 0.4 * degree, -0.4 * degree,
-            0.2 * degree, 0.01, -0.006, 0.004;
+        off << 4 * degree, 0, -2.5 * degree, 3 * degree, 0.4 * degree, -0.4 * degree, 0.2 * degree,
+            0.01, -0.006, 0.004;
         label = moved_drivers(truth, unknowns, off);
     }
     Distance left(const Labels& at) const {
@@ -103,8 +103,8 @@ void photograph(D& drawing, const Pinhole<float>& camera, const Vec3<float>& mid
 }
 
 inline void print(const char* method, int steps, double seconds, const Distance& d) {
-    std::printf("| %s | %d | %.3f | %.3f | %.4f | %.5f |\n", method, steps, seconds, d.gaze,
-                d.turn, d.shift);
+    std::printf("| %s | %d | %.3f | %.3f | %.4f | %.5f |\n", method, steps, seconds, d.gaze, d.turn,
+                d.shift);
     std::fflush(stdout);
 }
 

@@ -40,11 +40,9 @@ class HostLabelDrawing {
         tangents_.clear();
         for (const Labels& m : moved) {
             tangents_.push_back(colours(cache_.update(m)));
-            Gaussians<T>::fields(
-                [&](const std::string&, auto& to, const auto& from) {
-                    to = (to - from) * T(1 / apart);
-                },
-                tangents_.back(), gaussians_);
+            Gaussians<T>::fields([&](const std::string&, auto& to,
+                                     const auto& from) { to = (to - from) * T(1 / apart); },
+                                 tangents_.back(), gaussians_);
         }
     }
     const Columns<T>& picture(const LabelView<T>& view) {
@@ -71,19 +69,19 @@ class HostLabelDrawing {
         const Columns<T> j = jacobian(view, colours.pixels);
         const Index n = j.cols();
         constexpr Index chunk = 1024; // pixels
-        return sum_chunks(
-            backend_.threads, colours.scale.cols(), chunk,
-            Columns<double>(Columns<double>::Zero(n + 1, n + 1)),
-            [&](Index b, Index e) -> Columns<double> {
-                Columns<double> rows(3 * (e - b), n + 1);
-                rows.leftCols(n) = j.middleRows(3 * b, 3 * (e - b)).template cast<double>();
-                const auto of = [&](const Columns<double>& all) {
-                    return all.middleCols(b, e - b).reshaped();
-                };
-                rows.leftCols(n).array().colwise() *= of(colours.scale).array();
-                rows.col(n) = of(colours.residual);
-                return rows.transpose() * rows;
-            });
+        return sum_chunks(backend_.threads, colours.scale.cols(), chunk,
+                          Columns<double>(Columns<double>::Zero(n + 1, n + 1)),
+                          [&](Index b, Index e) -> Columns<double> {
+                              Columns<double> rows(3 * (e - b), n + 1);
+                              rows.leftCols(n) =
+                                  j.middleRows(3 * b, 3 * (e - b)).template cast<double>();
+                              const auto of = [&](const Columns<double>& all) {
+                                  return all.middleCols(b, e - b).reshaped();
+                              };
+                              rows.leftCols(n).array().colwise() *= of(colours.scale).array();
+                              rows.col(n) = of(colours.residual);
+                              return rows.transpose() * rows;
+                          });
     }
 
   private:

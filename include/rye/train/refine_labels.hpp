@@ -26,20 +26,20 @@ namespace rye {
 /// Settings of LabelRefiner.
 struct RefineSettings {
     LevenbergSettings levenberg = {};
-    int rounds = 2;            ///< each with its own estimate of the variance
-    double huber = 1.5;        ///< residual beyond which its cost is linear [standard deviations]
-    double alike = 12;         ///< number of residuals that err together, and so count as one
+    int rounds = 2;             ///< each with its own estimate of the variance
+    double huber = 1.5;         ///< residual beyond which its cost is linear [standard deviations]
+    double alike = 12;          ///< number of residuals that err together, and so count as one
     double least_noise = 0.002; ///< smallest standard deviation of a residual [colour]
-    double difference = 0.1;   ///< step of the differences [sigma]
+    double difference = 0.1;    ///< step of the differences [sigma]
 };
 
 /// Result of a refinement.
 struct RefinedLabels {
-    VecX<double> change;  ///< of the labels, n, in the order and units of LabelUnknowns
-    VecX<double> sigma;   ///< standard deviations, n, from (J^T J + priors)^-1
+    VecX<double> change;             ///< of the labels, n, in the order and units of LabelUnknowns
+    VecX<double> sigma;              ///< standard deviations, n, from (J^T J + priors)^-1
     double first_cost = 0, cost = 0; ///< at the label and at the end, both by the last variance
     double first_residual = 0, residual = 0; ///< RMS at the label, at the end [colour]
-    double noise = 0;     ///< standard deviation of a residual, from the median [colour]
+    double noise = 0; ///< standard deviation of a residual, from the median [colour]
     int steps = 0, refused = 0;
     bool settled = false; ///< true if further steps would change little
 };
@@ -243,8 +243,7 @@ class LabelRefiner {
             for (Index i = b; i < e; ++i)
                 for (Index k = 0; k < 3; ++k) {
                     const double scaled = static_cast<double>(r(k, i)) / noise_;
-                    const double root =
-                        std::sqrt(weight_of(of, view, i) * huber_weight(scaled));
+                    const double root = std::sqrt(weight_of(of, view, i) * huber_weight(scaled));
                     w.scale(k, i) = root / noise_;
                     w.residual(k, i) = root * scaled;
                 }

@@ -196,10 +196,10 @@ class DeviceLabelDrawing {
         device_.send(queue_, weights_.data(), colours.scale.data(), bytes<double>(3 * pixels));
         device_.send(queue_, residual, colours.residual.data(), bytes<double>(3 * pixels));
         partial_.reserve(queue_, static_cast<std::size_t>((chunks + 1) * size));
-        device_.launch(queue_, chunks * tiles * tiles,
-                       ColumnProductsKernel{derivatives_.data(), 3 * pixels_of(view), n,
-                                            pixel_.data(), weights_.data(), residual, pixels,
-                                            partial_.data()});
+        device_.launch(
+            queue_, chunks * tiles * tiles,
+            ColumnProductsKernel{derivatives_.data(), 3 * pixels_of(view), n, pixel_.data(),
+                                 weights_.data(), residual, pixels, partial_.data()});
         double* const sum = partial_.data() + chunks * size;
         launch_each(device_, queue_, size, AddChunks{partial_.data(), chunks, size, sum});
         Columns<double> r(n + 1, n + 1);
@@ -209,10 +209,9 @@ class DeviceLabelDrawing {
 
     /// Returns the memory that is held [bytes].
     std::size_t bytes() const {
-        std::size_t sum = drawer_.bytes() + gaussians_.bytes() + frame_.bytes() +
-                          splats_.bytes() + background_.bytes() + drawn_.bytes() +
-                          derivatives_.bytes() + pixel_.bytes() + weights_.bytes() +
-                          partial_.bytes();
+        std::size_t sum = drawer_.bytes() + gaussians_.bytes() + frame_.bytes() + splats_.bytes() +
+                          background_.bytes() + drawn_.bytes() + derivatives_.bytes() +
+                          pixel_.bytes() + weights_.bytes() + partial_.bytes();
         for (const auto& t : tangents_) sum += t->bytes();
         return sum;
     }
@@ -238,7 +237,8 @@ class DeviceLabelDrawing {
         std::vector<DeviceDirection<>> directions(count_);
         for (Index k = 0; k < n; ++k)
             directions[static_cast<std::size_t>(k)] = {
-                tangents_[static_cast<std::size_t>(k)]->view(), nullptr,
+                tangents_[static_cast<std::size_t>(k)]->view(),
+                nullptr,
                 {{derivatives_.data() + 3 * k * pixels, 3, pixels},
                  {derivatives_.data() + (3 * n + k % 2) * pixels, 1, pixels}}};
         rasterizer_.template jvp_into<NoDistortion>(queue_, gaussians_.view(), directions,
@@ -252,7 +252,7 @@ class DeviceLabelDrawing {
     DeviceAvatarDrawer<E, Device, Policy> drawer_;
     DeviceRasterizer<typename Policy::Accuracy, Device, typename Policy::Channels> rasterizer_;
     DeviceFrame<Device> frame_;
-    DeviceCloudBuffer gaussians_; ///< of the labels, of 3 channels
+    DeviceCloudBuffer gaussians_;                              ///< of the labels, of 3 channels
     std::vector<std::unique_ptr<DeviceCloudBuffer>> tangents_; ///< by unknown
     std::size_t count_ = 0;                                    ///< unknowns
     DeviceBuffer<SplatRecord> splats_;
