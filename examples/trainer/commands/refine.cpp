@@ -25,9 +25,9 @@ namespace {
 
 struct RefineCommand {
     std::filesystem::path run, capture, out;
-    std::string frames = "train", expression = "none", device = "auto";
+    std::string frames = "train", expression = "none", points = "auto", device = "auto";
     double gaze_sigma = 4, rotation_sigma = 1; ///< [deg]
-    bool no_gaze = false, no_pose = false, keep_points = false;
+    bool no_gaze = false, no_pose = false;
     int threads = 0;
     RefineOptions options;
 };
@@ -116,6 +116,24 @@ std::unique_ptr<DeviceLabels> device_of(const RefineCommand& o, const TrainState
     return nullptr;
 }
 
+/// Returns whether landmarks, vertices and eyeball centres move with a head whose pose changes.
+/// Those of a face model were fitted with the pose and agree with it; where they do not, they were
+/// measured apart from it.
+HeadPoints head_points(const RefineCommand& o, const std::filesystem::path& folder) {
+    if (o.points != "auto") return o.points == "kept" ? HeadPoints::kept : HeadPoints::moved;
+    if (o.no_pose) return HeadPoints::moved;
+    Capture capture = read_valid_capture(folder); // of its own, which is corrected
+    take_corrected(capture, load_corrected_cameras(o.run));
+    for (const LabelFinding& f : correct_labels(capture, preset("cpu")).all)
+        if (f.label == "head poses" && f.wrong) {
+            std::printf("landmarks and eyeballs stay where they were measured: by them head poses "
+                        "are %.2f %s off\n",
+                        f.off, f.unit.c_str());
+            return HeadPoints::kept;
+        }
+    return HeadPoints::moved;
+}
+
 void refine(RefineCommand o) {
     set_threads(o.threads);
     if (o.run.empty()) return refine_by_labels(o);
@@ -147,6 +165,7 @@ void refine(RefineCommand o) {
     const PlayableAvatar<float> avatar = refined_avatar(state, capture);
     const std::unique_ptr<DeviceLabels> device = device_of(o, state, avatar);
     o.options.device = device.get();
+    const HeadPoints points = head_points(o, capture.folder);
     print_head(listed);
     const RefinedCapture refined =
         refine_capture(avatar, state.config.gaze_axis, capture, frames, o.options,
@@ -156,7 +175,7 @@ void refine(RefineCommand o) {
                                      {"step", state.step}};
     record.update(refine_record(refined, capture, o.options));
     write_changed_capture(capture.folder, o.out, label_changes(refined, capture),
-                          o.keep_points ? HeadPoints::kept : HeadPoints::moved,
+                          points,
                           {{{"refine.json", record}}, capture.corrected_cameras});
     const VecX<double>& mean = refined.mean;
     if (u.gaze)
@@ -219,9 +238,11 @@ void add_refine(CLI::App& app) {
                 "The mean change of the gazes stays; else it is left to the avatar's kappa");
     c->add_flag("--keep-pose-mean", o->options.keep_pose_mean,
                 "The mean change of the head poses stays");
-    c->add_flag("--keep-points", o->keep_points,
-                "Landmarks, vertices and eyeball centres stay in the world; else they move with "
-                "the head");
+    c->add_option("--points", o->points,
+                  "Landmarks, vertices and eyeball centres move with the head, or are kept in the "
+                  "world; auto: kept where they say that head poses are off")
+        ->check(CLI::IsMember({"auto", "moved", "kept"}))
+        ->capture_default_str();
     add_device(*c, o->device, drawing_device_help);
     add_memory(*c);
     add_threads(*c, o->threads);
