@@ -112,18 +112,6 @@ refuses "frames all needs a run" "$rye" refine --capture cap --out none --frames
 "$rye" capture --out eight --size 64 --cameras 4 --frames 8 --test-frames 1 --apart-frames 0 \
     --samples 1 --seed 3 --quiet
 "$rye" flaw --capture eight --out turned --seed 1 --pose 2,3 > log.txt
-# A run's poses take along the landmarks that agree with the labels' poses, and no others.
-for points in eight turned; do
-    "$rye" refine one --capture $points --out by_run --size 32 --steps 1 > refined.txt
-    if [ $points = turned ]; then
-        grep -q "^landmarks and eyeballs stay where they were measured: by them head poses are" refined.txt &&
-            same turned/params/0001/lmk_3d.npy by_run/params/0001/lmk_3d.npy
-    else
-        ! grep -q "stay where they were" refined.txt &&
-            ! cmp -s eight/params/0001/lmk_3d.npy by_run/params/0001/lmk_3d.npy
-    fi || { cat refined.txt; fail "landmarks of $points"; }
-    rm -r by_run
-done
 for threads in 1 2; do
     "$rye" refine --capture turned --out straight$threads --threads $threads > refined.txt
 done
@@ -140,6 +128,18 @@ grep -q "^cameras: too few irises are seen" log.txt || { cat log.txt; fail "no w
 [ ! -e corrected/cameras.json ] || fail "cameras that were not judged are corrected"
 grep -q "^stage 2 goes on refining the head poses" log.txt || { cat log.txt; fail "poses are left"; }
 head -n 1 corrected/log.jsonl | grep -q '"stage":"labels"' || fail "the log does not tell of labels"
+# A run's poses take along the landmarks that agree with the labels' poses, and no others.
+for points in eight turned; do
+    "$rye" refine corrected --capture $points --out by_run --size 32 --steps 1 > refined.txt
+    if [ $points = turned ]; then
+        grep -q "^landmarks and eyeballs stay where they were measured: by them head poses are" refined.txt &&
+            same turned/params/0001/lmk_3d.npy by_run/params/0001/lmk_3d.npy
+    else
+        ! grep -q "stay where they were" refined.txt &&
+            ! cmp -s eight/params/0001/lmk_3d.npy by_run/params/0001/lmk_3d.npy
+    fi || { cat refined.txt; fail "landmarks of $points"; }
+    rm -r by_run
+done
 grep -q '"centre_corrections": true' corrected/config.json || fail "config.json does not tell"
 
 "$rye" export --run one --ply head.ply
