@@ -226,6 +226,8 @@ if(RYE_CUDA)
     target_compile_options(${name} PRIVATE ${rye_host_flags} -Xcompiler=${apart})
     add_test(NAME ${name} COMMAND ${name})
   endforeach()
+  # Eigen's Cholesky, which runs on the host.
+  target_compile_options(labels_device PRIVATE $<$<COMPILE_LANGUAGE:CUDA>:-diag-suppress=20014>)
   add_test(NAME rasterizer_device_lost COMMAND rasterizer_device lost)
   set_tests_properties(rasterizer_device rasterizer_device_lost networks_device avatar_device
                        drawer_device labels_device steps_device

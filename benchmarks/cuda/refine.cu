@@ -3,7 +3,6 @@
 // Gauss-Newton steps with derivatives by forward mode, and by Adam with gradients by reverse mode,
 // which stay on the device but for the unknowns' ten. 100,000 points of the face and 4,096 of the
 // eyes, pictures of 512 x 512.
-#pragma nv_diag_suppress 20014 // of Eigen's Cholesky, which runs on the host
 #include <rye/backend/cuda/device.hpp>
 
 #include <cstdio>

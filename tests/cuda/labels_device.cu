@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // labels_device: labels refined by a device; where there is none it says so.
-#pragma nv_diag_suppress 20014 // of Eigen's Cholesky, which runs on the host
 #include "on_device.hpp"
 
 #include "label_cases.hpp"
