@@ -5,8 +5,9 @@ with the errors that docs/flaws.md lists (rye flaw), trains on each copy, measur
 itself, and prints one Markdown table: means over seeds, with sample standard deviations if there are
 several. A seed is that of the errors and of the training. "By the run" measures what no picture decides
 otherwise: test frames have the head frame of the run (--align-head) and, as frames of a rig whose cameras
-were measured wrongly, the same wrong cameras, which the run has corrected. Results in OUT are kept: a call
-that was stopped goes on. After `sh benchmarks/judge/judge.sh OUT` the same call prints the judge's columns,
+were measured wrongly, the same wrong cameras, which the run has corrected. A set with "+refined" is trained on
+the labels that the run of the set without it refines (rye refine RUN), with "+poses" on its head poses
+alone. Results in OUT are kept: a call that was stopped goes on. After `sh benchmarks/judge/judge.sh OUT` the same call prints the judge's columns,
 too. Exit status 1 if a training failed; the table then says so. Run from anywhere."""
 import argparse
 import concurrent.futures
@@ -40,6 +41,8 @@ SETS = {
     "pose": POSE,
     "landmarks": LANDMARKS,
 }
+REFINE = ["--size", "128", "--steps", "5"]
+REFINED = {"refined": REFINE, "poses": REFINE + ["--no-gaze"]}
 USUAL = ("clean", "gaze", "track", "gains", "cameras", "all")
 
 
@@ -49,7 +52,8 @@ def arguments():
     p.add_argument("out", type=pathlib.Path)
     p.add_argument("captures", nargs="+", type=pathlib.Path)
     p.add_argument("--rye", default=str(here / "../build/release/rye"), help="the program")
-    p.add_argument("--sets", default=",".join(USUAL), help="of " + ", ".join(SETS))
+    p.add_argument("--sets", default=",".join(USUAL),
+                   help="of " + ", ".join(SETS) + "; with +" + " or +".join(REFINED) + " trained again")
     p.add_argument("--seeds", default="1,2,3")
     p.add_argument("--preset", default="cpu")
     p.add_argument("--config", type=pathlib.Path, help="fields that differ from the preset's")
@@ -68,9 +72,13 @@ def call(log, env, *command):
             raise Failed(f"{' '.join(str(c) for c in command[:2])} failed; see {log}")
 
 
-def train_and_measure(o, free, capture, name, seed):
-    """Writes OUT/CAPTURE/SET_SEED with run, evaluation and the file seconds, unless it is complete."""
-    folder = o.out / capture.name / f"{name}_{seed}"
+def train_and_measure(o, free, capture, set_name, seed, first):
+    """Writes OUT/CAPTURE/SET_SEED with run, evaluation and the file seconds, unless it is complete.
+    `first`: the task whose run refines the labels, or None."""
+    if first:
+        first.result()
+    name, _, refined = set_name.partition("+")
+    folder = o.out / capture.name / f"{set_name}_{seed}"
     if (folder / "run/results.json").exists():
         return
     folder.mkdir(parents=True, exist_ok=True)
@@ -78,11 +86,15 @@ def train_and_measure(o, free, capture, name, seed):
     device = free.get()
     env = dict(os.environ) if o.devices == 0 else dict(os.environ, CUDA_VISIBLE_DEVICES=str(device % o.devices))
     try:
-        if SETS[name] and not copy.exists():
+        if refined and not copy.exists():
+            of = o.out / capture.name / f"{name}_{seed}"
+            call(log, env, o.rye, "refine", of / "run", "--capture", of / "capture" if SETS[name] else capture,
+                 "--out", copy, *REFINED[refined])
+        elif SETS[name] and not copy.exists():
             call(log, env, o.rye, "flaw", "--capture", capture, "--out", copy, "--seed", seed, *SETS[name])
         begin = time.time()
         extra = ["--config", o.config] if o.config else []
-        call(log, env, o.rye, "train", "--capture", copy if SETS[name] else capture, "--out", run,
+        call(log, env, o.rye, "train", "--capture", copy if copy.exists() else capture, "--out", run,
              "--preset", o.preset, "--seed", seed, "--overwrite", *extra)
         (folder / "seconds").write_text(str(time.time() - begin))
         # the cameras of `gains` draw the test frames, too
@@ -148,18 +160,29 @@ def main():
     o = arguments()
     sets, seeds = o.sets.split(","), [int(s) for s in o.seeds.split(",")]
     for name in sets:
-        if name not in SETS:
-            sys.exit(f"wrong_labels.py: --sets got '{name}', expected some of {', '.join(SETS)}")
+        base, plus, refined = name.partition("+")
+        if base not in SETS or plus and refined not in REFINED:
+            sys.exit(f"wrong_labels.py: --sets got '{name}', expected some of {', '.join(SETS)}, "
+                     f"with nothing after it, +{' or +'.join(REFINED)}")
+        # Refined captures have the run's cameras, which its record of corrections does not name.
+        if plus and (base not in sets or base in ("cameras", "all")):
+            sys.exit(f"wrong_labels.py: --sets got '{name}', expected '{base}' beside it, and none with "
+                     "wrong cameras")
     if len({c.name for c in o.captures}) != len(o.captures):
         sys.exit("wrong_labels.py: two captures have the same folder name")
     free = queue.Queue()
     for i in range(o.jobs):
         free.put(i)
     tasks = [(c, n, s) for s in seeds for c in o.captures for n in sets]
+    tasks.sort(key=lambda t: "+" in t[1])  # none waits for one behind it
     with concurrent.futures.ThreadPoolExecutor(o.jobs) as pool:
-        for task, done in [(t, pool.submit(train_and_measure, o, free, *t)) for t in tasks]:
+        done = {}
+        for c, n, s in tasks:
+            first = done[c, n.partition("+")[0], s] if "+" in n else None
+            done[c, n, s] = pool.submit(train_and_measure, o, free, c, n, s, first)
+        for task in tasks:
             try:
-                done.result()
+                done[task].result()
             except Failed as e:
                 print(f"wrong_labels.py: {task[0].name}, {task[1]}, seed {task[2]}: {e}", file=sys.stderr)
     sys.exit(1 if table(o, o.captures, sets, seeds) else 0)
