@@ -106,7 +106,7 @@ TEST_CASE("lids that a blink takes into an eyeball are put before it") {
     CHECK(moved.col(3) == points.col(3)); // beyond the middle
 }
 
-TEST_CASE("some of the lids: evenly spread, with their neighbours") {
+TEST_CASE("points of lids have their neighbours among those around") {
     Draw draw;
     const Columns<double> at = draw.columns(3, 60, 1);
     const NeighbourGraph graph = four_nearest_by_grid(ScalarBackend<>{}, at);
@@ -120,21 +120,31 @@ TEST_CASE("some of the lids: evenly spread, with their neighbours") {
                                 graph);
     REQUIRE(all.lids.size() == 20);
     REQUIRE(all.others.size() == 40);
-    for (const double start : {0.0, 0.5, 0.99999999999999999}) {
-        const detail::LidPoints some(all, 7, start);
-        REQUIRE(some.lids.size() == 7);
-        REQUIRE(some.near.size() == 7);
-        for (std::size_t k = 0; k < 7; ++k) {
-            CHECK(some.around[k] == some.lids[k]);
-            CHECK((k == 0 || some.lids[k] > some.lids[k - 1]));
-            for (std::size_t j = 0; j < 4; ++j)
-                CHECK(some.around[static_cast<std::size_t>(some.near[k][j])] ==
-                      graph[static_cast<std::size_t>(some.lids[k])][j]);
-        }
-        std::vector<Index> once = some.around;
-        std::sort(once.begin(), once.end());
-        CHECK(std::adjacent_find(once.begin(), once.end()) == once.end());
+    REQUIRE(all.near.size() == 20);
+    for (std::size_t k = 0; k < 20; ++k) {
+        CHECK(all.around[k] == all.lids[k]);
+        for (std::size_t j = 0; j < 4; ++j)
+            CHECK(all.around[static_cast<std::size_t>(all.near[k][j])] ==
+                  graph[static_cast<std::size_t>(all.lids[k])][j]);
     }
+    std::vector<Index> once = all.around;
+    std::sort(once.begin(), once.end());
+    CHECK(std::adjacent_find(once.begin(), once.end()) == once.end());
+}
+
+TEST_CASE("some of many: evenly spread, none twice") {
+    for (const double start : {0.0, 0.5, 0.99999999999999999}) {
+        const std::vector<Index> some = detail::spread(20, 7, start);
+        REQUIRE(some.size() == 7);
+        for (std::size_t k = 0; k < 7; ++k) {
+            CHECK(some[k] >= static_cast<Index>(20 * k / 7));
+            CHECK(some[k] < 20);
+            if (k > 0) CHECK(some[k] - some[k - 1] <= 3);
+            if (k > 0) CHECK(some[k] > some[k - 1]);
+        }
+    }
+    CHECK(detail::spread(3, 7, 0.5) == std::vector<Index>{0, 1, 2});
+    CHECK(detail::spread(0, 7, 0.5).empty());
 }
 
 TEST_CASE("lids that are fitted grow as they close, and nothing else changes") {

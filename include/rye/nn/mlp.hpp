@@ -245,7 +245,9 @@ void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
     RYE_ASSERT(g_out.rows() == s.outputs() && g_out.cols() == n, "mlp_vjp: g_out differs in shape");
     if (g_points) g_points->resize(p, n);
     const detail::MlpOffsets at(s);
-    Columns<T> parts(at.size, chunk_count(n, chunk));
+    const bool whole = n > 0 && n <= chunk; // one chunk adds to the gradients themselves
+    Columns<T> parts(whole ? 0 : at.size, chunk_count(n, chunk));
+    VecX<T> total(at.size);
     std::vector<LeftFactor<B, T>> to_hidden(static_cast<std::size_t>(layers)), to_input(to_hidden);
     for (int l = 0; l < layers; ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
@@ -259,7 +261,7 @@ void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
     const int reads_last = s.skip() < layers ? s.skip() : 0; // the last layer that takes the input
 
     for_chunks(backend.threads, n, chunk, [&](Index first, Index last, Index c) {
-        parts.col(c).setZero();
+        if (!whole) parts.col(c).setZero();
         std::vector<Columns<T>> bias;
         for (int l = 0; l < layers; ++l) bias.push_back(Columns<T>::Zero(s.layer_out(l), 1));
         Columns<T> buffers[2];
@@ -270,7 +272,9 @@ void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
             const auto layer = [&](int l, const ColumnsView<T>& gl, Columns<T>& g_below) {
                 const std::size_t i = static_cast<std::size_t>(l);
                 const int h = s.hidden_in(l);
-                Eigen::Map<Columns<T>> weight(&parts(at.weight[i], c), s.layer_out(l), s.fan_in(l));
+                Eigen::Map<Columns<T>> weight(
+                    whole ? g.params.weight[i].data() : &parts(at.weight[i], c), s.layer_out(l),
+                    s.fan_in(l));
                 g_rows.set_and_sum(gl, bias[i]);
                 if (s.reads_input(l) && p > 0) {
                     g_rows.times_transposed(x, weight.middleCols(h, p), added);
@@ -294,21 +298,23 @@ void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
                 layer(l, buffers[from], buffers[1 - from]);
             after_piece(b, b + k);
         }
-        for (std::size_t i = 0; i < bias.size(); ++i)
-            parts.col(c).segment(at.bias[i], bias[i].size()) = bias[i].col(0);
+        T* const biases = whole ? total.data() : &parts(0, c);
+        for (std::size_t i = 0; i < bias.size(); ++i) {
+            Eigen::Map<VecX<T>>(biases + at.bias[i], bias[i].size()) = bias[i].col(0);
+            if (whole) g.params.bias[i] += bias[i];
+        }
     });
 
     // The parts are added in their order, all layers in one region.
-    VecX<T> sum(at.size);
-    for_chunks(backend.threads, at.size, 1024, [&](Index b, Index e, Index) {
-        sum.segment(b, e - b).setZero();
+    for_chunks(backend.threads, whole ? 0 : at.size, 1024, [&](Index b, Index e, Index) {
+        total.segment(b, e - b).setZero();
         for (Index c = 0; c < parts.cols(); ++c)
-            sum.segment(b, e - b) += parts.col(c).segment(b, e - b);
+            total.segment(b, e - b) += parts.col(c).segment(b, e - b);
         const auto add = [&](Index from, Columns<T>& to) {
             const Index low = std::max(b, from), high = std::min(e, from + to.size());
             if (low < high)
                 Eigen::Map<VecX<T>>(to.data() + low - from, high - low) +=
-                    sum.segment(low, high - low);
+                    total.segment(low, high - low);
         };
         for (std::size_t i = 0; i < at.weight.size(); ++i) {
             add(at.weight[i], g.params.weight[i]);
@@ -319,7 +325,7 @@ void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
     for (int l = 0; l < layers; ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
         if (!s.reads_input(l) || s.frame_inputs == 0) continue;
-        const VecX<T> all = sum.segment(at.bias[i], s.layer_out(l)); // cotangents of all points
+        const VecX<T> all = total.segment(at.bias[i], s.layer_out(l)); // cotangents of all points
         g.params.weight[i].rightCols(s.frame_inputs) += all * pass.frame.transpose();
         if (g.frame) *g.frame += m.weight[i].rightCols(s.frame_inputs).transpose() * all;
     }

@@ -53,10 +53,10 @@ inline Index mlp_task(const MlpShape& s, Index points) {
 }
 
 /// Points per partial sum of weight gradients: 16 equal chunks, or 32 of many points, so that as
-/// many threads have the same work.
+/// many threads have the same work; fewer of few points, as a sum costs as much as 40 points.
 inline Index mlp_chunk(Index points) {
-    constexpr Index tile = 12, many = 16 * 512;
-    return std::max(tile, rounded_up(chunk_count(points, points < many ? 16 : 32), tile));
+    constexpr Index tile = 12, fewest = 192, many = 16 * 512;
+    return std::max(fewest, rounded_up(chunk_count(points, points < many ? 16 : 32), tile));
 }
 
 /// Points per block of a chunk: equal ones, none larger than mlp_block.

@@ -12,6 +12,7 @@
 
 #include <rye/core/random.hpp>
 #include <rye/nn/adam.hpp>
+#include <rye/train/gradient_pieces.hpp>
 #include <rye/train/landmark_losses.hpp>
 #include <rye/train/landmark_regression.hpp>
 
@@ -33,8 +34,8 @@ struct DeformationFit {
 
 namespace detail {
 
-/// Landmarks of one piece of a frame, at most. Pieces run side by side; each packs the networks'
-/// weights and holds a gradient of its own, which costs as much as about 40 landmarks.
+/// Landmarks of one piece of a frame, at most. Each piece packs the networks' weights and has a
+/// gradient of its own, which costs as much as about 40 landmarks.
 inline constexpr Index deformed_at_once = 192;
 
 /// Distance from a landmark of an eye within which others are at its lids [unit].
@@ -144,8 +145,6 @@ inline double fit_rate_share(const DeformationFit& fit, int step) {
 /// A piece of such a frame.
 template <class T, EffectSet E>
 struct FittedPiece {
-    FaceNetworks<T, E> grad;
-    std::vector<Columns<T>*> arrays; ///< of grad
     DeformedLandmarks<T, E> landmarks;
     T squares = T(0); ///< its share of the frame's mean square error of a coordinate
 };
@@ -180,20 +179,9 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
     const auto parts = static_cast<Index>(places.size());
     std::vector<detail::FittedFrame<T, E>> shown(static_cast<std::size_t>(fit.batch));
     std::vector<detail::FittedPiece<T, E>> pieces(shown.size() * places.size());
-    for (auto& p : pieces) {
-        p.grad = grad;
-        p.arrays = detail::deformation_arrays(p.grad);
-    }
-    std::vector<ArrayWork> sums;
-    for (std::size_t k = 0; Columns<T>* const sum : detail::deformation_arrays(grad)) {
-        sums.push_back({sum->size(), [&pieces, sum, k](Index b, Index e) {
-                            auto to = sum->reshaped().segment(b, e - b);
-                            to.setZero();
-                            for (const auto& p : pieces)
-                                to += p.arrays[k]->reshaped().segment(b, e - b);
-                        }});
-        ++k;
-    }
+    GradientPieces<Networks, T> gradients(grad, pieces.size(), [](Networks& n) {
+        return detail::deformation_arrays(n);
+    });
     const auto run = [&](Index i) {
         const detail::FittedFrame<T, E>& f = shown[static_cast<std::size_t>(i / parts)];
         const LandmarkPlaces<T, E>& own = places[static_cast<std::size_t>(i % parts)];
@@ -205,10 +193,10 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
             p.landmarks.deformed, f.shown().landmarks.middleCols(first, size));
         const T share = T(static_cast<double>(size) / static_cast<double>(count));
         p.squares = share * off.value;
-        for (Columns<T>* const a : p.arrays) a->setZero();
         Columns<T> g = T(1.0 / fit.batch) * share * off.gradient;
         for (Index l = 0; l < size; ++l) g.col(l) *= weight(0, first + l);
-        deform_landmarks_vjp<T, E>(alone, at, p.landmarks, g, {p.grad});
+        deform_landmarks_vjp<T, E>(alone, at, p.landmarks, g,
+                                   {gradients.cleared(static_cast<std::size_t>(i))});
     };
     double squares = 0, seen = 0;
     for (int step = 0; step < fit.steps; ++step) {
@@ -216,7 +204,7 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
             drawn.draw(step, i, shown[static_cast<std::size_t>(i)]);
         });
         backend.threads.run(static_cast<Index>(pieces.size()), run);
-        for_chunks(backend.threads, sums, 8192);
+        gradients.add_up(backend.threads);
         for (std::size_t i = 0; i < shown.size(); ++i) {
             if (shown[i].mixed() || !drawn.reported(step)) continue;
             for (std::size_t k = 0; k < places.size(); ++k)

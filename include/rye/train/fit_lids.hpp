@@ -18,17 +18,19 @@
 
 #include <rye/avatar/two_stream.hpp>
 #include <rye/nn/adam.hpp>
-#include <rye/train/face_smoothness.hpp>
+#include <rye/train/gradient_pieces.hpp>
 #include <rye/train/landmark_regression.hpp>
+#include <rye/train/lid_points.hpp>
 
 namespace rye {
 
 /// Settings of fit_lids.
 struct LidFit {
-    int steps = 0;      ///< 0: no fit
-    int batch = 4;      ///< frames a step
-    Index lids = 768;   ///< most points of the lids a frame; of more, evenly spread ones
-    Index others = 256; ///< points a frame that are to stay as they are
+    int steps = 0;     ///< 0: no fit
+    int frames = 512;  ///< that are drawn once; steps draw from these
+    int batch = 8;     ///< frames a step
+    Index lids = 128;  ///< most points of the lids a frame and step; of more, evenly spread ones
+    Index others = 64; ///< points a frame and step that are to stay as they are
     double rate = 2e-3; ///< first learning rate of the attributes; the last is a twentieth
     double deform_rate = 2e-4; ///< of the displacements
     double most = 6;    ///< largest growth of a scale
@@ -48,39 +50,6 @@ struct FittedLids {
     LidErrors others; ///< by how much other Gaussians have changed
 };
 
-/// Eyeballs at rest, head frame, canonical units.
-template <class T>
-struct LidEyeballs {
-    Columns<T> centre; ///< 3 x 2
-    std::array<T, 2> radius;
-};
-/// Returns the eyeballs of a stream; their radius is the mean of their Gaussians' distances.
-template <class T, EffectSet E>
-LidEyeballs<T> lid_eyeballs(const EyeStream<T, E>& eyes) {
-    LidEyeballs<T> balls{eyes.centre, {}};
-    for (Index e = 0; e < 2; ++e) {
-        const Columns<T> points =
-            eyes.position.middleCols(eyes.first_point(e), eyes.points_of(e));
-        balls.radius[static_cast<std::size_t>(e)] = points.colwise().norm().mean();
-    }
-    return balls;
-}
-/// Moves points that are inside an eyeball, and were before it with open lids, out to `clear` radii
-/// before it. Columns of `open` are the same points.
-template <class T>
-void move_out_of_eyeballs(const LidEyeballs<T>& eyes, double clear, const Columns<T>& open,
-                          Columns<T>& points) {
-    for (Index i = 0; i < points.cols(); ++i)
-        for (Index e = 0; e < 2; ++e) {
-            const Vec3<T> centre = eyes.centre.col(e), out = points.col(i) - centre;
-            const T radius = eyes.radius[static_cast<std::size_t>(e)],
-                    least = T(1 + clear) * radius, far = out.norm();
-            // Beyond the middle a point is no lid's.
-            if (far < least && far > T(0.5) * radius && (open.col(i) - centre).norm() >= radius)
-                points.col(i) = centre + least / far * out;
-        }
-}
-
 /// What fit_lids draws its frames from.
 template <class T>
 struct LidFrames {
@@ -91,8 +60,6 @@ struct LidFrames {
 
 namespace detail {
 
-/// Least growth by a whole blink, and least influence, of a point that is fitted.
-inline constexpr double least_growth = 1.1, least_influence = 0.5;
 /// Shares of the frames that are mixed ones, and of these that blink.
 inline constexpr double mixed_lids = 0.75, blinking_lids = 0.5;
 
@@ -119,85 +86,37 @@ FacePart<T> whole_face(const B& backend, const FaceStream<T, E>& face, const Ava
     return all;
 }
 
-/// Returns how far apart points are in one frame relative to another: for each point the mean of
-/// the squared distances to its neighbours, at least 1 and at most `most`. near: columns of the
-/// four neighbours of the first points.
+/// Networks that are fitted.
+template <class Network>
+struct LidNetworks {
+    Network attributes, deform;
+
+    template <class F, class... P>
+    static void fields(F&& f, P&&... p) {
+        nested_fields<Network>("attributes", f, p.attributes...);
+        nested_fields<Network>("deform", f, p.deform...);
+    }
+    static auto arrays(LidNetworks& n) {
+        std::vector<std::remove_reference_t<decltype(n.deform.weight.front())>*> all;
+        fields([&](const std::string&, auto& a) { all.push_back(&a); }, n);
+        return all;
+    }
+};
+
+/// What the fields are to add up to in one frame: at the lids first, then at some of the others.
 template <class T>
-std::vector<double> growth_of(const Columns<T>& apart, const Columns<T>& before,
-                              const NeighbourGraph& near, double most) {
-    std::vector<double> growth(near.size());
-    for (std::size_t k = 0; k < near.size(); ++k) {
-        double now = 0, then = 0;
-        for (const Index j : near[k]) {
-            const auto i = static_cast<Index>(k);
-            now += static_cast<double>((apart.col(j) - apart.col(i)).squaredNorm());
-            then += static_cast<double>((before.col(j) - before.col(i)).squaredNorm());
-        }
-        growth[k] = then > 0 ? std::clamp(now / then, 1.0, most) : 1.0;
-    }
-    return growth;
-}
-
-/// Gaussians that a whole blink moves apart, and others that the expression moves.
-struct LidPoints {
-    std::vector<Index> lids, others;
-    std::vector<Index> around; ///< the lids, then their neighbours that are not among them
-    NeighbourGraph near;       ///< places in `around` of the neighbours of each lid
-
-    template <class T>
-    LidPoints(const std::vector<Index>& moved, const Columns<T>& influence,
-              const std::vector<double>& growth, const NeighbourGraph& graph) {
-        for (const Index i : moved) {
-            const bool lid = growth[static_cast<std::size_t>(i)] > least_growth &&
-                             influence(0, i) >= T(least_influence);
-            (lid ? lids : others).push_back(i);
-        }
-        around = lids;
-        std::vector<Index> place(graph.size(), -1);
-        for (std::size_t k = 0; k < lids.size(); ++k)
-            place[static_cast<std::size_t>(lids[k])] = static_cast<Index>(k);
-        for (const Index i : lids)
-            add_neighbours(graph[static_cast<std::size_t>(i)], place, [](Index j) { return j; });
-    }
-    /// Of `count` lids, evenly spread from a start within [0, 1); without the others.
-    LidPoints(const LidPoints& all, Index count, double start) {
-        const auto many = static_cast<double>(all.lids.size());
-        std::vector<Index> chosen, place(all.around.size(), -1);
-        for (Index k = 0; k < count; ++k) {
-            const auto i = static_cast<std::size_t>(
-                std::min((static_cast<double>(k) + start) * many / static_cast<double>(count),
-                         many - 1));
-            place[i] = k;
-            chosen.push_back(static_cast<Index>(i));
-            lids.push_back(all.lids[i]);
-        }
-        around = lids;
-        for (const Index i : chosen)
-            add_neighbours(all.near[static_cast<std::size_t>(i)], place,
-                           [&](Index j) { return all.around[static_cast<std::size_t>(j)]; });
-    }
-
-  private:
-    /// Adds a lid's neighbours to `near`, and to `around` those that `place` does not know yet.
-    template <class Point>
-    void add_neighbours(std::array<Index, 4> neighbours, std::vector<Index>& place,
-                        const Point& point) {
-        for (Index& j : neighbours) {
-            Index& at = place[static_cast<std::size_t>(j)];
-            if (at < 0) {
-                at = static_cast<Index>(around.size());
-                around.push_back(point(j));
-            }
-            j = at;
-        }
-        near.push_back(neighbours);
-    }
+struct LidExample {
+    VecX<T> expression;
+    std::vector<Index> others; ///< places in LidPoints::others
+    Columns<T> steps;          ///< of attributes, 8 x N
+    Columns<T> places;         ///< 3 x N
 };
 
 /// Fit of a face's lids.
 template <class T, EffectSet E, Backend B>
 class LidFitter {
     using Network = NetworkOf<T, E>;
+    using Networks = LidNetworks<Network>;
 
   public:
     /// Keeps references to its arguments.
@@ -210,63 +129,82 @@ class LidFitter {
           reach_(T(config.deform_scale)),
           eyes_(lid_eyeballs(avatar.eyes)),
           all_(whole_face<T>(backend, avatar.face, config, roles)),
-          attributes_before_(avatar.face.exp_attributes),
-          deform_before_(avatar.face.networks.exp_deform),
+          before_{avatar.face.exp_attributes, avatar.face.networks.exp_deform},
           points_(find_points()),
-          attributes_(attributes_before_),
-          deform_(deform_before_),
-          g_attributes_(zeros_like(attributes_)),
-          g_deform_(zeros_like(deform_)),
-          adam_attributes_(attributes_),
-          adam_deform_(deform_) {}
+          around_(all_.of(points_.around)),
+          lids_(all_.of(points_.lids)),
+          others_(all_.of(points_.others)),
+          fitted_(before_) {}
 
     const LidPoints& points() const { return points_; }
-    const Network& attributes() const { return attributes_; }
-    const Network& deform() const { return deform_; }
+    const Networks& fitted() const { return fitted_; }
 
     template <class Mixed>
-    void step(int number, const Mixed& mixed) {
-        set_zero(backend_.threads, g_attributes_);
-        set_zero(backend_.threads, g_deform_);
-        reported_ = number >= fit_.steps - std::max(1, fit_.steps / 10);
-        for (int b = 0; b < fit_.batch; ++b) {
-            const auto key = static_cast<std::uint64_t>(number) *
-                                 static_cast<std::uint64_t>(fit_.batch) +
-                             static_cast<std::uint64_t>(b);
-            const Random random = fit_.random.fork(key);
-            add_frame(expression(random, mixed), random);
+    FittedLids run(const Mixed& mixed) {
+        std::vector<LidExample<T>> examples(static_cast<std::size_t>(std::max(1, fit_.frames)));
+        const Random first = fit_.random.fork(0), draws = fit_.random.fork(1);
+        backend_.threads.run(static_cast<Index>(examples.size()), [&](Index i) {
+            const Random random = first.fork(static_cast<std::uint64_t>(i));
+            examples[static_cast<std::size_t>(i)] = example(expression(random, mixed), random);
+        });
+        Networks sum = zeros_like(fitted_);
+        Adam<Networks> adam(fitted_);
+        GradientPieces<Networks, T> gradients(sum, static_cast<std::size_t>(fit_.batch),
+                                              &Networks::arrays);
+        std::vector<std::array<LidErrors, 2>> squares(static_cast<std::size_t>(fit_.batch));
+        std::array<LidErrors, 2> all;
+        double seen = 0;
+        for (int step = 0; step < fit_.steps; ++step) {
+            backend_.threads.run(fit_.batch, [&](Index b) {
+                const auto i = static_cast<std::size_t>(b);
+                const Random random = draws.fork(static_cast<std::uint64_t>(step) *
+                                                     static_cast<std::uint64_t>(fit_.batch) +
+                                                 static_cast<std::uint64_t>(b));
+                const Index which = random.below(0, static_cast<Index>(examples.size()));
+                squares[i] = pull_both(examples[static_cast<std::size_t>(which)], random,
+                                       gradients.cleared(i));
+            });
+            gradients.add_up(backend_.threads);
+            const double decay = std::pow(0.05, static_cast<double>(step) / fit_.steps);
+            adam_step(backend_, fitted_, sum, adam, [&](const std::string& name) {
+                return decay * (name.starts_with("deform") ? fit_.deform_rate : fit_.rate);
+            });
+            if (step < fit_.steps - std::max(1, fit_.steps / 10)) continue;
+            for (const std::array<LidErrors, 2>& s : squares)
+                for (std::size_t k = 0; k < 2; ++k)
+                    all[k].attributes += s[k].attributes, all[k].place += s[k].place;
+            seen += fit_.batch;
         }
-        const double decay = std::pow(0.05, static_cast<double>(number) / fit_.steps);
-        const auto by = [&](double rate) {
-            return [rate](const std::string&) { return rate; };
+        const auto root = [&](const LidErrors& e) {
+            return LidErrors{std::sqrt(e.attributes / seen), std::sqrt(e.place / seen)};
         };
-        adam_step(backend_, attributes_, g_attributes_, adam_attributes_, by(fit_.rate * decay));
-        adam_step(backend_, deform_, g_deform_, adam_deform_, by(fit_.deform_rate * decay));
-    }
-
-    FittedLids result() const {
-        const auto root = [&](const LidErrors& squares) {
-            return LidErrors{std::sqrt(squares.attributes / seen_),
-                             std::sqrt(squares.place / seen_)};
-        };
-        return {static_cast<Index>(points_.lids.size()), root(lids_), root(others_)};
+        return {static_cast<Index>(points_.lids.size()), root(all[0]), root(all[1])};
     }
 
   private:
+    Field<T, typename Network::Activation> attributes_of(const Networks& n) const {
+        return {n.attributes, Squash::none, gain_};
+    }
+    Field<T, typename Network::Activation> deform_of(const Networks& n) const {
+        return {n.deform, Squash::tanh, reach_};
+    }
     /// Returns where an expression takes points, by the networks as they were.
-    Columns<T> displaced(const FacePart<T>& part, const VecX<T>& expression) const {
+    template <class Any>
+    Columns<T> displaced(const Any& backend, const FacePart<T>& part,
+                         const VecX<T>& expression) const {
         Columns<T> to = part.position;
         FieldTrace<T> trace;
-        add_field(backend_, Field{deform_before_, Squash::tanh, reach_},
-                  {part.code, part.influence, expression}, to, trace);
+        add_field(backend, deform_of(before_), {part.code, part.influence, expression}, to, trace);
         return to;
     }
     /// Returns the steps of attributes, likewise.
-    Columns<T> steps_before(const FacePart<T>& part, const VecX<T>& expression) const {
+    template <class Any>
+    Columns<T> steps_before(const Any& backend, const FacePart<T>& part,
+                            const VecX<T>& expression) const {
         Columns<T> to = Columns<T>::Zero(8, part.position.cols());
         FieldTrace<T> trace;
-        add_field(backend_, Field{attributes_before_, Squash::none, gain_},
-                  {part.feature, part.influence, expression}, to, trace);
+        add_field(backend, attributes_of(before_), {part.feature, part.influence, expression}, to,
+                  trace);
         return to;
     }
     VecX<T> with_lids_at(VecX<T> expression, double weight) const {
@@ -278,8 +216,8 @@ class LidFitter {
         const NeighbourGraph graph = four_nearest_by_grid(backend_, all_.position);
         const VecX<T> open = VecX<T>::Zero(frames_.expressions.front().size());
         const std::vector<double> growth =
-            growth_of<T>(displaced(all_, with_lids_at(open, frames_.whole)),
-                         displaced(all_, open), graph, fit_.most);
+            growth_of<T>(displaced(backend_, all_, with_lids_at(open, frames_.whole)),
+                         displaced(backend_, all_, open), graph, fit_.most);
         return {influenced(backend_, all_.influence), all_.influence, growth, graph};
     }
 
@@ -293,67 +231,72 @@ class LidFitter {
         return with_lids_at(drawn, frames_.whole * std::sqrt(random.uniform(3)));
     }
 
-    /// Adds the gradients of a frame.
-    void add_frame(const VecX<T>& expression, const Random& random) {
-        if (static_cast<Index>(points_.lids.size()) <= fit_.lids)
-            return add_lids(points_, expression, random);
-        add_lids({points_, fit_.lids, random.fork(2).uniform(0)}, expression, random);
-    }
-    void add_lids(const LidPoints& lids, const VecX<T>& expression, const Random& random) {
+    /// Returns what is wanted in a frame.
+    LidExample<T> example(const VecX<T>& expression, const Random& random) const {
+        const auto alone = one_thread(backend_);
         const VecX<T> open = with_lids_at(expression, 0);
-        const FacePart<T> around = all_.of(lids.around);
-        const Columns<T> resting = displaced(around, open);
-        Columns<T> closing = displaced(around, expression);
+        const Columns<T> resting = displaced(alone, around_, open);
+        Columns<T> closing = displaced(alone, around_, expression);
         move_out_of_eyeballs(eyes_, fit_.clear, resting, closing);
-        const std::vector<double> growth = growth_of<T>(closing, resting, lids.near, fit_.most);
+        const std::vector<double> growth = growth_of<T>(closing, resting, points_.near, fit_.most);
 
-        const auto count = static_cast<Index>(lids.lids.size());
+        LidExample<T> e{expression, {}, {}, {}};
         const auto rest = static_cast<Index>(points_.others.size());
-        std::vector<Index> which = lids.lids;
-        for (Index k = 0; k < std::min(fit_.others, rest); ++k)
-            which.push_back(points_.others[static_cast<std::size_t>(
-                random.below(4 + static_cast<std::uint64_t>(k), rest))]);
-        const FacePart<T> part = all_.of(which);
-        Columns<T> steps = steps_before(part, expression);
-        const Columns<T> at_rest = steps_before(part, open);
+        constexpr Index kept = 4; // times as many others as a step takes
+        for (Index k = 0; k < std::min(kept * fit_.others, rest); ++k)
+            e.others.push_back(random.below(4 + static_cast<std::uint64_t>(k), rest));
+        const FacePart<T> unmoved = others_.of(e.others);
+        const auto count = static_cast<Index>(points_.lids.size());
+        e.steps.resize(8, count + unmoved.position.cols());
+        e.steps << steps_before(alone, lids_, expression),
+            steps_before(alone, unmoved, expression);
+        e.places.resize(3, e.steps.cols());
+        e.places << closing.leftCols(count), displaced(alone, unmoved, expression);
+        const Columns<T> at_rest = steps_before(alone, lids_, open);
         for (Index i = 0; i < count; ++i)
             for (Index k = 0; k < 3; ++k) { // pictures of lids that close have taught some of it
                 const T grown = at_rest(k, i) + T(std::log(growth[static_cast<std::size_t>(i)]));
-                steps(k, i) = std::max(steps(k, i), grown);
+                e.steps(k, i) = std::max(e.steps(k, i), grown);
             }
-        Columns<T> places = displaced(part, expression);
-        places.leftCols(count) = closing.leftCols(count);
-
-        pull(Field{attributes_, Squash::none, gain_}, {part.feature, part.influence, expression},
-             {count, steps, &LidErrors::attributes}, Columns<T>::Zero(8, part.position.cols()),
-             g_attributes_);
-        pull(Field{deform_, Squash::tanh, reach_}, {part.code, part.influence, expression},
-             {count, places, &LidErrors::place}, part.position, g_deform_);
-        if (reported_) ++seen_;
+        return e;
     }
 
-    /// What a field is to give, lids first, and the error that tells how well it does.
-    struct Wanted {
-        Index lids;
-        const Columns<T>& sum;
-        double LidErrors::* error;
-    };
-    /// Adds the gradient of the mean squared difference of what a field is added to from `wanted`.
-    template <class A>
-    void pull(const Field<T, A>& field, const FieldInput<T>& input, const Wanted& wanted,
-              Columns<T> sum, Network& gradient) {
-        FieldTrace<T> trace;
-        add_field(backend_, field, input, sum, trace);
-        sum -= wanted.sum;
-        if (reported_) {
-            const auto mean = [](const auto& part) {
-                return static_cast<double>(part.squaredNorm()) / static_cast<double>(part.size());
-            };
-            lids_.*wanted.error += mean(sum.leftCols(wanted.lids));
-            others_.*wanted.error += mean(sum.rightCols(sum.cols() - wanted.lids));
+    /// Adds the gradients of some of a frame's points; returns the mean squared errors of lids and
+    /// of others.
+    std::array<LidErrors, 2> pull_both(const LidExample<T>& e, const Random& random,
+                                       Networks& gradient) const {
+        const auto count = static_cast<Index>(points_.lids.size());
+        std::vector<Index> which = spread(count, fit_.lids, random.uniform(1)), points;
+        const auto lids = static_cast<Index>(which.size());
+        for (const Index i : which) points.push_back(points_.lids[static_cast<std::size_t>(i)]);
+        for (const Index k :
+             spread(static_cast<Index>(e.others.size()), fit_.others, random.uniform(2))) {
+            which.push_back(count + k);
+            points.push_back(points_.others[static_cast<std::size_t>(
+                e.others[static_cast<std::size_t>(k)])]);
         }
-        const Columns<T> g = T(2.0 / (fit_.batch * static_cast<double>(sum.cols()))) * sum;
-        field_vjp(backend_, field, {input.lambda, input.frame, trace}, g, {&gradient});
+        const FacePart<T> part = all_.of(points);
+        std::array<LidErrors, 2> squares;
+        const auto pull = [&](const auto& field, const Columns<T>& input, Columns<T> sum,
+                              const Columns<T>& wanted, Network& g_network,
+                              double LidErrors::*error) {
+            const auto alone = one_thread(backend_);
+            FieldTrace<T> trace;
+            add_field(alone, field, {input, part.influence, e.expression}, sum, trace);
+            sum -= pick_columns(wanted, which);
+            const auto mean = [](const auto& of) {
+                return static_cast<double>(of.squaredNorm()) / static_cast<double>(of.size());
+            };
+            squares[0].*error = mean(sum.leftCols(lids));
+            squares[1].*error = mean(sum.rightCols(sum.cols() - lids));
+            const Columns<T> g = T(2.0 / (fit_.batch * static_cast<double>(sum.cols()))) * sum;
+            field_vjp(alone, field, {part.influence, e.expression, trace}, g, {&g_network});
+        };
+        pull(attributes_of(fitted_), part.feature, Columns<T>::Zero(8, part.position.cols()),
+             e.steps, gradient.attributes, &LidErrors::attributes);
+        pull(deform_of(fitted_), part.code, part.position, e.places, gradient.deform,
+             &LidErrors::place);
+        return squares;
     }
 
     const B& backend_;
@@ -362,13 +305,10 @@ class LidFitter {
     T gain_, reach_; ///< of the fields
     LidEyeballs<T> eyes_;
     FacePart<T> all_;
-    Network attributes_before_, deform_before_;
+    Networks before_;
     LidPoints points_;
-    Network attributes_, deform_, g_attributes_, g_deform_;
-    Adam<Network> adam_attributes_, adam_deform_;
-    bool reported_ = false;
-    LidErrors lids_, others_; ///< sums of squares
-    double seen_ = 0;         ///< frames in these
+    FacePart<T> around_, lids_, others_; ///< those of points_
+    Networks fitted_;
 };
 
 } // namespace detail
@@ -386,10 +326,10 @@ FittedLids fit_lids(const B& backend, TwoStream<T, E>& avatar, const AvatarConfi
         return {};
     detail::LidFitter<T, E, B> fitter(backend, avatar, config, roles, frames, fit);
     if (fitter.points().lids.empty() || fitter.points().others.empty()) return {};
-    for (int step = 0; step < fit.steps; ++step) fitter.step(step, mixed);
-    avatar.face.exp_attributes = fitter.attributes();
-    avatar.face.networks.exp_deform = fitter.deform();
-    return fitter.result();
+    const FittedLids result = fitter.run(mixed);
+    avatar.face.exp_attributes = fitter.fitted().attributes;
+    avatar.face.networks.exp_deform = fitter.fitted().deform;
+    return result;
 }
 
 } // namespace rye
