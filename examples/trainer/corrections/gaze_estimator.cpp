@@ -210,10 +210,12 @@ std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>&
 /// Errors after the fit of a disc around one gaze.
 struct Fit {
     double pitch = 0, yaw = 0;
-    /// Error of an iris: the weighted sum of squares, or the mixture's -log likelihood.
+    /// -log likelihood of an iris, of squared errors of unknown size or of the mixture, up to
+    /// constants.
     double error = unfit;
-    double dark = unfit;   ///< part of the sum of squares: of brightness
-    double bright = unfit; ///< the same of a disc that is brighter than the sclera
+    double squares = unfit; ///< sum of squares
+    double dark = unfit;    ///< part of it: of brightness
+    double bright = unfit;  ///< the same of a disc that is brighter than the sclera
     static constexpr double unfit = 1e30;
     bool fits() const { return error < unfit; }
 };
@@ -222,8 +224,9 @@ struct Fit {
 /// Memberships are soft over the width of a pixel, so that the error is smooth in the gaze.
 class DiscFit {
   public:
-    DiscFit(const std::vector<Seen>& seen, const RimSphere& sphere)
+    DiscFit(const std::vector<Seen>& seen, const RimSphere& sphere, bool exact)
         : seen_(seen),
+          even_light_(exact ? 0.09 : 1),
           rim_(chord(sphere.rim)),
           plane_(sphere.plane / sphere.radius),
           pupil_(0.35 * sphere.ball.limbus_radius / sphere.radius),
@@ -254,7 +257,7 @@ class DiscFit {
                 a(i, j) =
                     normal_(light[static_cast<std::size_t>(i)], light[static_cast<std::size_t>(j)]);
         }
-        a(1, 1) += even_light, a(2, 2) += even_light;
+        a(1, 1) += even_light_, a(2, 2) += even_light_;
         without_ = squares_ - b.cwiseProduct(a.ldlt().solve(b)).colwise().sum().transpose();
     }
 
@@ -264,7 +267,7 @@ class DiscFit {
     /// Returns the share of that which a fit explains; of the tints' besides, if that is more.
     double explained(const Fit& fit) const {
         if (!fit.fits()) return 0;
-        return std::max(1 - fit.dark / without_[0], 1 - fit.error / without_.sum());
+        return std::max(1 - fit.dark / without_[0], 1 - fit.squares / without_.sum());
     }
 
     /// Returns the least-squares fit at a gaze, weighted by the probability that a pixel is eye.
@@ -288,7 +291,8 @@ class DiscFit {
         const Levels l = levels(a, b);
         if (!l.seen || l.sclera <= 0) return fit;
         const Vec3<double> error = squares_ - l.of.cwiseProduct(b).colwise().sum().transpose();
-        if (l.iris()) fit.error = error.sum(), fit.dark = error[0];
+        if (l.iris())
+            fit.error = likelihood(error), fit.squares = error.sum(), fit.dark = error[0];
         if (-l.darker >= min_darkening * l.sclera) fit.bright = error[0];
         return fit;
     }
@@ -323,7 +327,10 @@ class DiscFit {
                 density * priors_.array() * (-0.5 * off.square().rowwise().sum()).exp();
             const Eigen::ArrayXd both = is_eye + others_.array();
             share = is_eye / both;
-            cost = -both.log().sum();
+            const Mat<double, 2, 3> light = l.of.middleRows<2>(2);
+            cost = -both.log().sum() +
+                   0.5 * even_light_ * (light.col(0).squaredNorm() / (spread * spread) +
+                                        light.rightCols<2>().squaredNorm() / (tint * tint));
         }
         fit.error = cost;
         return fit;
@@ -335,9 +342,14 @@ class DiscFit {
     using Rows = Eigen::Matrix<double, Eigen::Dynamic, 5>;
     using Sums = Mat<double, 5, 3>;
     static constexpr double least_forward = 0.62; ///< cosine of 52 degrees, an eye's limit
-    /// Penalty of uneven light: a change of 0.1 per radius costs as much as noise of 0.03 in a
-    /// pixel.
-    static constexpr double even_light = 0.09;
+
+    /// Returns the -log likelihood of squared errors of brightness and tints, whose variances are
+    /// unknown: what tells the iris apart counts, be it brightness or a tint. Smaller errors than
+    /// `least` count alike.
+    double likelihood(const Vec3<double>& squares) const {
+        const Vec3<double> least(0.03, 0.05, 0.05);
+        return pixels() * (squares / pixels() + least.cwiseAbs2()).array().log().sum();
+    }
 
     /// Shares of a pixel covered by the disc and its inner disc.
     struct Cover {
@@ -379,7 +391,7 @@ class DiscFit {
         if (!l.seen) return l;
         constexpr double tiny = 1e-3; // for a pupil that is not seen
         a(1, 1) += tiny, a(4, 4) += tiny;
-        a(2, 2) += even_light, a(3, 3) += even_light;
+        a(2, 2) += even_light_, a(3, 3) += even_light_;
         const Normal whole = a.selfadjointView<Eigen::Lower>();
         l.of = whole.ldlt().solve(b);
         if (l.of(4, 0) > 0) { // no pupil is brighter than the iris
@@ -401,6 +413,10 @@ class DiscFit {
     }
 
     const std::vector<Seen>& seen_;
+    /// Penalty of uneven light: of 0.09, a change of 0.1 per radius costs as much as an error of
+    /// 0.03 in a pixel. An area that is not exact has lids and lashes in it, which light that falls
+    /// off there would explain at the cost of the eye: so it costs more.
+    double even_light_;
     // Lengths in radii of the rim's sphere.
     double rim_;           ///< chord from the gaze to the rim
     double plane_, pupil_; ///< distance of the rim's plane from the centre, radius of the pupil
@@ -483,7 +499,7 @@ std::optional<GazeEstimate> estimate_gaze(const Image<float>& image, const Colum
         exact ? usable_pixels(image, eye, sphere) : likely_pixels(image, eye, sphere, area_error);
     const int count = static_cast<int>(seen.size());
     if (exact && count < min_eye_pixels) return std::nullopt;
-    const DiscFit disc(seen, sphere);
+    const DiscFit disc(seen, sphere, exact);
     constexpr double least_pixels = 10; // sum of weights
     if (disc.pixels() < least_pixels || disc.without_disc() < 1e-8 * disc.pixels())
         return std::nullopt;
