@@ -8,19 +8,21 @@
 /// visible eye is projected along its camera ray to that sphere, which gives a direction from the
 /// centre. A gaze g splits these directions by their angle from g into iris and sclera; the pupil
 /// is a smaller disc in the plane of the rim. The estimate is the g for which three such levels of
-/// brightness and of two tints, and a light that varies linearly across the eye, leave the smallest
-/// squared error, with the iris darker than the sclera or of another colour. This fits a disc of
-/// known size, seen in perspective, to all pixels at once, so it is accurate to a fraction of a
-/// pixel and does not need the whole iris. No gaze is preferred.
+/// brightness and of two tints, and a light that varies linearly across the eye, are likeliest,
+/// with the iris darker than the sclera or of another colour. Errors of brightness and of each tint are
+/// normal, of sizes that are not known, so that each counts as far as it tells iris from sclera.
+/// This fits a disc of known size, seen in perspective, to all pixels at once, so it is accurate to
+/// a fraction of a pixel and does not need the whole iris. No gaze is preferred.
 ///
 /// Pixels at the rim of an exact area of the eye, except its lower rim, are ignored: lashes and the
 /// shadow of the upper lid darken them as an iris would. If the area is not exact, such as that of
 /// a run's own eyeballs on a photograph, pixels beside it may be eye and pixels in it may be skin,
 /// lid or lashes. The estimate is then the g of the most likely mixture, in which each pixel is
 /// either eye, with the disc's brightness, or something else, with a probability by its likeness to
-/// the surrounding skin. If that finds no iris, or one that explains much less, the estimate is the
-/// g of the smallest squared error, with pixels weighted by how much less they look like that skin
-/// than like anything else. Frame: world. Units: world units, [rad].
+/// the surrounding skin, and uneven light is unlikely, which would explain lids and lashes as well
+/// as the iris does. If that finds no iris, or one that explains much less, the estimate is the g
+/// of the first kind, with pixels weighted by how much less they look like that skin than like
+/// anything else. Frame: world. Units: world units, [rad].
 #pragma once
 
 #include <optional>

@@ -27,7 +27,7 @@ namespace rye {
 /// Settings of fit_lids.
 struct LidFit {
     int steps = 0;     ///< 0: no fit
-    int frames = 512;  ///< that are drawn once; steps draw from these
+    int frames = 512;  ///< most that are drawn once; steps draw from these
     int batch = 8;     ///< frames a step
     Index lids = 128;  ///< most points of the lids a frame and step; of more, evenly spread ones
     Index others = 64; ///< points a frame and step that are to stay as they are
@@ -141,7 +141,8 @@ class LidFitter {
 
     template <class Mixed>
     FittedLids run(const Mixed& mixed) {
-        std::vector<LidExample<T>> examples(static_cast<std::size_t>(std::max(1, fit_.frames)));
+        std::vector<LidExample<T>> examples(static_cast<std::size_t>(
+            std::max(1, std::min(fit_.frames, fit_.steps * fit_.batch))));
         const Random first = fit_.random.fork(0), draws = fit_.random.fork(1);
         backend_.threads.run(static_cast<Index>(examples.size()), [&](Index i) {
             const Random random = first.fork(static_cast<std::uint64_t>(i));
