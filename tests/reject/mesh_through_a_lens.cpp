@@ -10,5 +10,5 @@ using Camera = rye::Pinhole<double>;
 #endif
 
 rye::ScreenMesh<double> drawn(const rye::Columns<double>& vertices, const Camera& camera) {
-    return rye::screen_mesh<double>(vertices, camera);
+    return rye::screen_mesh<double>(rye::Serial{}, vertices, camera);
 }

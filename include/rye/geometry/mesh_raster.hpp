@@ -174,17 +174,20 @@ MeshRaster<T> rasterize_mesh(const B& backend, const AttributeMesh<T>& mesh,
     out.mask = out.depth = out.silhouette = Image<T>(width, height, 1);
     out.face.assign(static_cast<std::size_t>(out.mask.size()), -1);
     out.barycentric = Columns<T>::Zero(3, out.mask.size());
-    out.screen = screen_mesh<T>(vertices, camera);
-    const std::vector<ScreenFace> boxes = screen_faces(out.screen, faces, view.near_depth);
+    const auto& threads = backend.threads;
+    out.screen = screen_mesh<T>(threads, vertices, camera);
+    const std::vector<ScreenFace> boxes =
+        screen_faces(threads, out.screen, faces, view.near_depth);
     for (const ScreenFace& s : boxes) {
         out.rejected_faces += s.in_front ? 0 : 1;
         out.degenerate_faces += s.in_front && std::abs(s.area) < settings.min_area ? 1 : 0;
     }
-    const FaceBands bands = face_bands(boxes, width, height, settings.silhouette.pixels(width));
+    const FaceBands bands =
+        face_bands(threads, boxes, {width, height}, settings.silhouette.pixels(width));
     out.silhouettes.resize(static_cast<std::size_t>(bands.count()));
     const ScreenFaces<T> screen{out.screen, faces, boxes};
 
-    for_chunks(backend.threads, height, FaceBands::rows, [&](Index y0, Index y1, Index b) {
+    for_chunks(threads, height, FaceBands::rows, [&](Index y0, Index y1, Index b) {
         const std::size_t number = static_cast<std::size_t>(b);
         const FaceBand band{bands.faces.data() + bands.begin[number],
                             bands.faces.data() + bands.begin[number + 1], static_cast<int>(y0),
@@ -302,35 +305,40 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& 
     MeshRasterGradient<T> out{{}, Columns<T>::Zero(attributes.rows(), attributes.cols())};
     constexpr int block = 16;  // channels per task: one cache line of floats
     const Index blocks = g.attributes ? chunk_count(attributes.rows(), block) : 0;
-    for_chunks(backend.threads, 1 + blocks, 1, [&](Index task, Index, Index) {
-        if (task > 0) {
-            const Index c = (task - 1) * block;
-            const auto add = [&](auto size) {
-                for (const Index p : drawn) {
-                    const Face& f = faces[static_cast<std::size_t>(
-                        raster.face[static_cast<std::size_t>(p)])];
-                    for (std::size_t k = 0; k < 3; ++k)
-                        out.attributes.col(f[k]).segment(c, size) +=
-                            raster.barycentric(static_cast<Index>(k), p) *
-                            g.attributes->col(p).segment(c, size);
-                }
-            };
-            if (attributes.rows() - c >= block) return add(Eigen::fix<block>);
-            return add(attributes.rows() - c);
+    Columns<W> g_camera = Columns<W>::Zero(3, points.cols());
+    Columns<W> g_image = Columns<W>::Zero(2, points.cols());
+    for_chunks(backend.threads, 2 + blocks, 1, [&](Index task, Index, Index) {
+        if (task == 0) {
+            for (std::size_t i = 0; i < drawn.size(); ++i) {
+                const Index found = raster.face[static_cast<std::size_t>(drawn[i])];
+                const Face& f = faces[static_cast<std::size_t>(found)];
+                for (std::size_t k = 0; k < 3; ++k)
+                    g_camera.col(f[k]) += corner.col(static_cast<Index>(i))
+                                              .template segment<3>(3 * static_cast<Index>(k));
+            }
+            return;
         }
-        Columns<W> g_camera = Columns<W>::Zero(3, points.cols());
-        Columns<W> g_image = Columns<W>::Zero(2, points.cols());
-        for (std::size_t i = 0; i < drawn.size(); ++i) {
-            const Index found = raster.face[static_cast<std::size_t>(drawn[i])];
-            const Face& f = faces[static_cast<std::size_t>(found)];
-            for (std::size_t k = 0; k < 3; ++k)
-                g_camera.col(f[k]) += corner.col(static_cast<Index>(i))
-                                          .template segment<3>(3 * static_cast<Index>(k));
+        if (task == 1) {
+            for (const auto& shares : outline)
+                for (const ImageShare& s : shares) g_image.col(s.vertex) += s.g;
+            return;
         }
-        for (const auto& shares : outline)
-            for (const ImageShare& s : shares) g_image.col(s.vertex) += s.g;
-        out.vertices = screen_mesh_vjp(raster.screen, camera, std::move(g_camera), g_image);
+        const Index c = (task - 2) * block;
+        const auto add = [&](auto size) {
+            for (const Index p : drawn) {
+                const Face& f =
+                    faces[static_cast<std::size_t>(raster.face[static_cast<std::size_t>(p)])];
+                for (std::size_t k = 0; k < 3; ++k)
+                    out.attributes.col(f[k]).segment(c, size) +=
+                        raster.barycentric(static_cast<Index>(k), p) *
+                        g.attributes->col(p).segment(c, size);
+            }
+        };
+        if (attributes.rows() - c >= block) return add(Eigen::fix<block>);
+        add(attributes.rows() - c);
     });
+    out.vertices =
+        screen_mesh_vjp(backend.threads, raster.screen, camera, std::move(g_camera), g_image);
     return out;
 }
 

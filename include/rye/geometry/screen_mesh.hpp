@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include <rye/autodiff/widen.hpp>
@@ -31,6 +32,13 @@ struct ScreenFace {
     bool in_front = false;  ///< all three corners are finite and beyond near_depth
 };
 
+namespace detail {
+
+/// Vertices or faces of a task.
+inline constexpr Index screen_grain = 2048;
+
+} // namespace detail
+
 /// Pixels whose centres lie in [lo, hi], clamped to 0 ... n - 1; empty if first > last.
 struct PixelRange {
     int first, last;
@@ -42,36 +50,41 @@ inline PixelRange pixel_range(double lo, double hi, int n) {
 }
 
 /// Returns the vertices (3 x M, world) as a camera sees them.
-template <class T>
-ScreenMesh<T> screen_mesh(const ColumnsView<T>& vertices, const Pinhole<real_t<T>>& view) {
+template <class T, Threads P>
+ScreenMesh<T> screen_mesh(const P& threads, const ColumnsView<T>& vertices,
+                          const Pinhole<real_t<T>>& view) {
     using W = widened_t<T>;
     const Pinhole<double> p = view.template cast<double>();
     const Mat3<double>& r = p.camera_from_world.rotation;
     ScreenMesh<T> out{Columns<W>(3, vertices.cols()), Columns<W>::Zero(2, vertices.cols())};
-    for (Index i = 0; i < vertices.cols(); ++i) {
+    const auto project = [&](Index i) {
         const W x = scalar_cast<W>(T(vertices(0, i))), y = scalar_cast<W>(T(vertices(1, i))),
                 z = scalar_cast<W>(T(vertices(2, i)));
         for (int d = 0; d < 3; ++d)
             out.camera(d, i) = W(r(d, 0)) * x + W(r(d, 1)) * y + W(r(d, 2)) * z +
                                W(p.camera_from_world.translation[d]);
-        if (!(value_of(out.camera(2, i)) > p.near_depth)) continue;
+        if (!(value_of(out.camera(2, i)) > p.near_depth)) return;
         const W iz = W(1) / out.camera(2, i);
         out.image(0, i) = W(p.fx) * out.camera(0, i) * iz + W(p.cx);                       // [px]
         out.image(1, i) = W(p.fy) * out.camera(1, i) * iz + W(p.cy);                       // [px]
-    }
+    };
+    for_chunks(threads, vertices.cols(), detail::screen_grain, [&](Index b, Index e, Index) {
+        for (Index i = b; i < e; ++i) project(i);
+    });
     return out;
 }
 
 /// Returns the gradient of the vertices, 3 x M, given those of their camera points, 3 x M, and
 /// image points, 2 x M, the latter being 0 for vertices that are not beyond near_depth.
-template <class T>
-Columns<T> screen_mesh_vjp(const ScreenMesh<T>& mesh, const Pinhole<real_t<T>>& view,
-                           Columns<widened_t<T>> g_camera, const Columns<widened_t<T>>& g_image) {
+template <class T, Threads P>
+Columns<T> screen_mesh_vjp(const P& threads, const ScreenMesh<T>& mesh,
+                           const Pinhole<real_t<T>>& view, Columns<widened_t<T>> g_camera,
+                           const Columns<widened_t<T>>& g_image) {
     using W = widened_t<T>;
     const Pinhole<double> p = view.template cast<double>();
     const Mat3<double>& r = p.camera_from_world.rotation;
     Columns<T> g(3, g_camera.cols());
-    for (Index i = 0; i < g.cols(); ++i) {
+    const auto pull = [&](Index i) {
         if (value_of(mesh.camera(2, i)) > p.near_depth) {
             const W iz = W(1) / mesh.camera(2, i);
             const W gx = W(p.fx) * g_image(0, i) * iz, gy = W(p.fy) * g_image(1, i) * iz;
@@ -82,19 +95,22 @@ Columns<T> screen_mesh_vjp(const ScreenMesh<T>& mesh, const Pinhole<real_t<T>>& 
         for (int d = 0; d < 3; ++d)
             g(d, i) = scalar_cast<T>(W(W(r(0, d)) * g_camera(0, i) + W(r(1, d)) * g_camera(1, i) +
                                        W(r(2, d)) * g_camera(2, i)));
-    }
+    };
+    for_chunks(threads, g.cols(), detail::screen_grain, [&](Index b, Index e, Index) {
+        for (Index i = b; i < e; ++i) pull(i);
+    });
     return g;
 }
 
 /// Returns the box, area and side of each face.
-template <class T>
-std::vector<ScreenFace> screen_faces(const ScreenMesh<T>& mesh, const std::vector<Face>& faces,
-                                     double near_depth) {
+template <class T, Threads P>
+std::vector<ScreenFace> screen_faces(const P& threads, const ScreenMesh<T>& mesh,
+                                     const std::vector<Face>& faces, double near_depth) {
     std::vector<ScreenFace> out(faces.size());
     const auto value = [](const auto& m, Index row, Index i) {
         return static_cast<double>(value_of(m(row, i)));
     };
-    for (std::size_t f = 0; f < faces.size(); ++f) {
+    const auto place = [&](std::size_t f) {
         Mat3<double> c;  // corners in the camera frame
         Mat<double, 2, 3> q;
         bool ok = true;
@@ -105,7 +121,7 @@ std::vector<ScreenFace> screen_faces(const ScreenMesh<T>& mesh, const std::vecto
             ok = ok && c(2, k) > near_depth && std::isfinite(q(0, k)) && std::isfinite(q(1, k)) &&
                  std::isfinite(c(2, k));
         }
-        if (!ok) continue;
+        if (!ok) return;
         ScreenFace& s = out[f];
         s.in_front = true;
         s.left = std::min({q(0, 0), q(0, 1), q(0, 2)});
@@ -118,7 +134,11 @@ std::vector<ScreenFace> screen_faces(const ScreenMesh<T>& mesh, const std::vecto
         };
         s.area = -0.5 * turn(q);  // y points down, so a front face is clockwise: negative
         s.normal_z = turn(c);
-    }
+    };
+    for_chunks(threads, static_cast<Index>(faces.size()), detail::screen_grain,
+               [&](Index b, Index e, Index) {
+                   for (Index f = b; f < e; ++f) place(static_cast<std::size_t>(f));
+               });
     return out;
 }
 
@@ -146,26 +166,47 @@ struct ScreenFaces {
 };
 
 /// Returns the faces that each band of rows may show, with a margin around their boxes [px].
-inline FaceBands face_bands(const std::vector<ScreenFace>& faces, int width, int height,
-                            double margin_px) {
+template <Threads P>
+FaceBands face_bands(const P& threads, const std::vector<ScreenFace>& faces,
+                     const ImageSize& size, double margin_px) {
     FaceBands out;
-    out.begin.assign(static_cast<std::size_t>(chunk_count(height, FaceBands::rows)) + 1, 0);
-    const auto visit = [&](auto&& f) {
-        for (std::size_t i = 0; i < faces.size(); ++i) {
-            const ScreenFace& s = faces[i];
+    const auto bands = static_cast<std::size_t>(chunk_count(size.height, FaceBands::rows));
+    const auto count = static_cast<Index>(faces.size());
+    const auto visit = [&](Index begin, Index end, const auto& f) {
+        for (Index i = begin; i < end; ++i) {
+            const ScreenFace& s = faces[static_cast<std::size_t>(i)];
             if (!s.in_front) continue;
-            const PixelRange x = pixel_range(s.left - margin_px, s.right + margin_px, width);
-            const PixelRange y = pixel_range(s.top - margin_px, s.bottom + margin_px, height);
+            const PixelRange x = pixel_range(s.left - margin_px, s.right + margin_px, size.width);
+            const PixelRange y = pixel_range(s.top - margin_px, s.bottom + margin_px, size.height);
             if (x.first > x.last || y.first > y.last) continue;
             for (int b = y.first / FaceBands::rows; b <= y.last / FaceBands::rows; ++b)
-                f(static_cast<std::size_t>(b), static_cast<Index>(i));
+                f(static_cast<std::size_t>(b), i);
         }
     };
-    visit([&](std::size_t b, Index) { ++out.begin[b + 1]; });
-    for (std::size_t b = 1; b < out.begin.size(); ++b) out.begin[b] += out.begin[b - 1];
-    out.faces.resize(static_cast<std::size_t>(out.begin.back()));
-    std::vector<Index> next = out.begin;
-    visit([&](std::size_t b, Index i) { out.faces[static_cast<std::size_t>(next[b]++)] = i; });
+    // Faces of each chunk in each band, then where these begin.
+    std::vector<std::vector<Index>> at(
+        static_cast<std::size_t>(chunk_count(count, detail::screen_grain)),
+        std::vector<Index>(bands, 0));
+    const auto chunks = [&](const auto& f) {
+        for_chunks(threads, count, detail::screen_grain, [&](Index b, Index e, Index c) {
+            f(b, e, at[static_cast<std::size_t>(c)]);
+        });
+    };
+    chunks([&](Index begin, Index end, std::vector<Index>& own) {
+        visit(begin, end, [&](std::size_t b, Index) { ++own[b]; });
+    });
+    Index next = 0;
+    for (std::size_t b = 0; b < bands; ++b) {
+        out.begin.push_back(next);
+        for (std::vector<Index>& own : at) next += std::exchange(own[b], next);
+    }
+    out.begin.push_back(next);
+    out.faces.resize(static_cast<std::size_t>(next));
+    chunks([&](Index begin, Index end, std::vector<Index>& own) {
+        visit(begin, end, [&](std::size_t b, Index i) {
+            out.faces[static_cast<std::size_t>(own[b]++)] = i;
+        });
+    });
     return out;
 }
 
