@@ -5,10 +5,10 @@ with the errors that docs/flaws.md lists (rye flaw), trains on each copy, measur
 itself, and prints one Markdown table: means over seeds, with sample standard deviations if there are
 several. A seed is that of the errors and of the training. "By the run" measures what no picture decides
 otherwise: test frames have the head frame of the run (--align-head) and, as frames of a rig whose cameras
-were measured wrongly, the same wrong cameras, which the run has corrected. A set with "+refined" is trained on
-the labels that the run of the set without it refines (rye refine RUN), with "+poses" on its head poses
-alone. Results in OUT are kept: a call that was stopped goes on. After `sh benchmarks/judge/judge.sh OUT` the same call prints the judge's columns,
-too. Exit status 1 if a training failed; the table then says so. Run from anywhere."""
+were measured wrongly, the same wrong cameras, which the run has corrected. A set with "+refined" is
+trained on the labels that the run of the set without it refines (rye refine RUN), with "+poses" on its
+head poses alone. Results in OUT are kept: a call that was stopped goes on. After
+`sh benchmarks/judge/judge.sh OUT` the same call prints the judge's columns, too. Exit status 1 if a training failed; the table then says so. Run from anywhere."""
 import argparse
 import concurrent.futures
 import json
