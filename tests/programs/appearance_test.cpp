@@ -305,8 +305,12 @@ TEST_CASE("appearance: exported and read back, other programs draw the run's pic
             state.avatar.eyes.kappa.resize(2, 2);
             state.avatar.eyes.kappa << -0.03f, -0.02f, 0.09f, -0.08f;
         }
+        // As label correction leaves them: corrections of the training frames' gazes.
+        if (!visual) state.avatar.eyes.kappa = Columns<float>::Zero(2, 2);
+        state.avatar.delta_gaze = Columns<float>::Constant(4, state.avatar.delta_pose.cols(), 0.1f);
         const TrainState drawn = drawn_state(state);
         PlayableAvatar<float> exported = playable_avatar(drawn, capture, 1, 0);
+        CHECK_NOTHROW(check_corrections(exported.avatar, "exported"));
         // The run of random numbers has another code of expressions than the capture.
         exported.neutral.expression = test::tiny_drivers<float>().expression;
         exported.ranges.expression_low = exported.ranges.expression_high =

@@ -243,8 +243,9 @@ class Corrector {
         return all;
     }
 
-    /// Returns the displacements of the frames' landmarks by the gazes, 3 x L each, by a regression
-    /// on expressions and gazes that knows of the landmarks' noise [canonical units].
+    /// Returns the displacements of the frames' landmarks by the gazes and, where no shapes are
+    /// known, by lids that close, 3 x L each: of a regression on expressions and gazes that knows of
+    /// the landmarks' noise [canonical units].
     std::vector<Columns<double>> following(double noise) {
         TrainConfig config = config_;
         config.avatar.expression = c_.expression_width();
@@ -261,9 +262,15 @@ class Corrector {
             train_backend(), {config.avatar, neutral, neutral}, subject.roles, frames, prior);
         std::vector<Columns<double>> all;
         for (const MeshSample<float>& f : frames) {
-            std::vector<double> x = landmark_regressors(f.drivers);
-            std::fill(x.begin(), x.end() - 4, 0.0);
-            all.push_back(regression.displacement<double>(x));
+            const std::vector<double> x = landmark_regressors(f.drivers);
+            std::vector<double> local(x.size(), 0.0);
+            std::copy(x.end() - 4, x.end(), local.end() - 4);
+            if (!regression.knows_shapes)
+                for (const Index blink : regression.blinks) {
+                    const auto k = static_cast<std::size_t>(1 + blink);
+                    local[k] = x[k];
+                }
+            all.push_back(regression.displacement<double>(local));
         }
         return all;
     }
@@ -276,15 +283,15 @@ class Corrector {
                               mm_per_unit * noise > 0.6,
                               "smoothed by their neighbours and all frames"});
         if (!found_.all.back().wrong) return;
-        // Lids that follow a gaze are as local as noise is.
-        const std::vector<Columns<double>> by_gaze = following(noise);
-        for (std::size_t i = 0; i < count(); ++i) rest[i] -= by_gaze[i];
+        // Lids that follow a gaze or close are as local as noise is, and few frames blink.
+        const std::vector<Columns<double>> lids = following(noise);
+        for (std::size_t i = 0; i < count(); ++i) rest[i] -= lids[i];
         const SmoothedLandmarks s = smoothed_landmarks(rest);
         for (std::size_t i = 0; i < count(); ++i) {
             CaptureFrame& f = frame(i);
             const Mat3<double> r = so3_exp(Vec3<double>(f.pose.head<3>()));
             const Columns<double> world =
-                (f.scale * (r * (s.frames[i] + by_gaze[i] + expressed(i)))).colwise() +
+                (f.scale * (r * (s.frames[i] + lids[i] + expressed(i)))).colwise() +
                 Vec3<double>(f.pose.tail<3>());
             set_frame_landmarks(f, world);
         }

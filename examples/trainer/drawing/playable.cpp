@@ -45,6 +45,7 @@ PlayableAvatar<float> playable_avatar(const TrainState& state, const Capture& ca
     p.roles = state.subject.roles;
     p.avatar = state.avatar;
     if (axis == GazeAxis::optical) p.avatar.eyes.kappa = {}; // its angles are 0
+    p.avatar.delta_gaze = {};                                // corrects training frames alone
     p.expression_names = capture.expression_names;
     p.neutral = frame_drivers(capture, frame, axis);
     p.ranges = driver_ranges(capture, axis, p.neutral);
