@@ -3,9 +3,13 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <string>
 #include <vector>
+
+#include <rye/io/png.hpp>
+#include <rye/train/host_label_drawing.hpp>
 
 #include "../support/file_bytes.hpp"
 #include "../support/hostile.hpp"
@@ -178,6 +182,51 @@ TEST_CASE("refine: training frames change, test frames and pictures do not; any 
         for (const char* file : {"params.npz", "gaze.npz", "lmk_3d.npy"})
             CHECK(bytes_of(scene.out / "params" / TinyCapture::frame(f) / file) ==
                   bytes_of(scene.folder.path / "again" / "params" / TinyCapture::frame(f) / file));
+}
+
+TEST_CASE("refine: smaller pictures are of Gaussians as wide as training saw them") {
+    const RefinedScene scene;
+    const TrainState drawn = drawn_state(load_trained(scene.run));
+    Capture capture = read_valid_capture(scene.capture.folder);
+    const PlayableAvatar<float> avatar = refined_avatar(drawn, capture);
+    const int block = 1 << avatar.avatar.upsampler.shape.doublings, size = TinyCapture::size;
+    // Photographs are what the avatar draws.
+    for (const int f : capture.train)
+        for (int c = 0; c < TinyCapture::cameras; ++c) {
+            HostLabelDrawing drawing(train_backend(), avatar.avatar, avatar.config, avatar.roles);
+            drawing.drive(restricted<TrainedEffects>(frame_drivers(capture, f)));
+            LabelView<float> view;
+            view.camera = reduced(capture.camera(f, c).cast<float>(), block);
+            const Columns<float>& colours = drawing.picture(view);
+            Image8 rgb{size, size, 3, {}}, mask{size, size, 1, {}};
+            for (int y = 0; y < size; ++y)
+                for (int x = 0; x < size; ++x) {
+                    mask.values.push_back(255);
+                    for (int k = 0; k < 3; ++k)
+                        rgb.values.push_back(static_cast<std::uint8_t>(std::lround(
+                            255 * std::clamp(colours(k, y / block * view.camera.width + x / block),
+                                             0.0F, 1.0F))));
+                }
+            write_png(scene.capture.image(f, c), rgb);
+            write_png(scene.capture.image(f, c, "mask"), mask);
+        }
+    capture = read_valid_capture(scene.capture.folder);
+    const auto residual = [&](int times) {
+        RefineOptions options;
+        options.size = size / (times * block);
+        const RefinedCapture r =
+            refine_capture(avatar, GazeAxis::optical, capture, capture.train, options);
+        CHECK(r.block == times * block);
+        double sum = 0;
+        for (const RefinedFrame& f : r.frames) sum += 255 * f.found.first_residual;
+        return sum / static_cast<double>(r.frames.size());
+    };
+    const double same = residual(1), half = residual(2), third = residual(3);
+    MESSAGE("residuals at the labels [1/255]: ", same, "; of half the size ", half, ", a third ",
+            third);
+    CHECK(same < 7.5); // colours that photographs cannot have
+    CHECK(half < 2 * same); // 4.7 and 9.4 times with a whole dilation
+    CHECK(third < 3 * same);
 }
 
 TEST_CASE("refine: what it cannot do it says") {

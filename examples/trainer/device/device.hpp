@@ -129,6 +129,8 @@ class DeviceLabels {
                                     const std::vector<Index>& pixels) = 0;
     virtual Columns<double> sums(const LabelView<float>& view, const WeighedColours& colours) = 0;
     virtual Index expression_width() const = 0;
+    /// Draws with this dilation from now on [px^2].
+    virtual void set_dilation(double dilation) = 0;
 };
 
 /// Returns such a drawing on the current device. Throws an Error for sizes that do not fit, and in

@@ -90,6 +90,7 @@ class DeviceLabelsOf final : public DeviceLabels {
         return drawing_.sums(view, colours);
     }
     Index expression_width() const override { return drawing_.expression_width(); }
+    void set_dilation(double dilation) override { drawing_.set_dilation(dilation); }
 
   private:
     Machine machine_; // destroyed last: memory is returned on its stream

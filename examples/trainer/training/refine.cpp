@@ -164,12 +164,18 @@ RefinedCapture refine_capture(const PlayableAvatar<float>& avatar, GazeAxis axis
     r.unknowns = options.unknowns;
     r.unknowns.expression = refined_coefficients(capture, options.expression);
     const int side = std::max(capture.width, capture.height);
-    r.block = std::max(1 << avatar.avatar.upsampler.shape.doublings,
-                       (side + options.size - 1) / options.size);
+    const int trained = 1 << avatar.avatar.upsampler.shape.doublings;
+    r.block = std::max(trained, (side + options.size - 1) / options.size);
+    // Gaussians as wide on the head as training saw them: with a whole dilation smaller pictures
+    // have wider edges, which heads and gazes are turned to make up for.
+    const double share = static_cast<double>(trained) / r.block;
+    const double dilation = share * share * Balanced{}.dilation;
     if (options.device != nullptr) {
+        options.device->set_dilation(dilation);
         refine_frames(r, *options.device, {axis, capture, frames, options, told});
     } else {
         Rasterizer<FeaturesOnly<Balanced>> rasterizer;
+        rasterizer.accuracy.dilation = dilation;
         rasterizer.accuracy.max_memory = memory_limit();
         HostLabelDrawing drawing(train_backend(), avatar.avatar, avatar.config, avatar.roles,
                                  rasterizer);

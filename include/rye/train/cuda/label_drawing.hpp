@@ -135,6 +135,8 @@ class DeviceLabelDrawing {
     }
 
     Index expression_width() const { return width_; }
+    /// Draws with this dilation [px^2], if the accuracy has one.
+    void set_dilation(double dilation) { rasterizer_.accuracy.dilation = dilation; }
 
     void drive(const Labels& labels) {
         drawer_.drive(queue_, labels);
