@@ -113,21 +113,24 @@ def train_and_measure(o, free, capture, set_name, seed, first):
 
 def figures(folder):
     try:
-        r = json.loads((folder / "run/results.json").read_text())["all"]
+        results = json.loads((folder / "run/results.json").read_text())
         by_run = json.loads((folder / "by_run/results.json").read_text())["all"]
         seconds = float((folder / "seconds").read_text())
     except FileNotFoundError:
         return None
+    r, lids = results["all"], (results["closed_lids"] or {}).get("visible")
     seen, render = r["eyes_visible"], r["gaze"]["render"]
     return {"head": r["head"]["psnr"], "by_run": by_run["head"]["psnr"],
             "gaze_by_run": by_run["gaze"]["render"]["degrees"], "ssim": r["head"]["ssim"],
             "face": r["face"]["psnr"], "eyes": r["eyes"]["psnr"], "gaze": render["degrees"],
             "where_found": render["degrees_where_found"], "found": 100 * render["found"] / max(seen, 1),
-            "without": r["gaze_without_labels"]["render"]["degrees"], "seconds": seconds,
-            "judged": judged(folder / "run")}
+            "without": r["gaze_without_labels"]["render"]["degrees"], "lids": None if lids is None else 100 * lids,
+            "seconds": seconds, "judged": judged(folder / "run")}
 
 
 def shown(values, digits, unit):
+    if None in values:
+        return "none"
     text = f"{statistics.mean(values):.{digits}f}"
     if len(values) > 1:
         text += f" ± {statistics.stdev(values):.{digits}f}"
@@ -137,10 +140,10 @@ def shown(values, digits, unit):
 def table(o, captures, sets, seeds):
     columns = [("head", 2, " dB"), ("ssim", 3, ""), ("face", 2, " dB"), ("eyes", 2, " dB"), ("gaze", 2, "°"),
                ("where_found", 2, "°"), ("found", 0, " %"), ("without", 2, "°"),
-               ("by_run", 2, " dB"), ("gaze_by_run", 2, "°"), ("seconds", 0, "")]
+               ("by_run", 2, " dB"), ("gaze_by_run", 2, "°"), ("lids", 0, " %"), ("seconds", 0, "")]
     print("| capture | errors | seeds | head: PSNR | SSIM | face | eyes | gaze error | ... where found "
-          f"| irises found | without labels | head, by the run | gaze error, by the run | seconds | {' | '.join(TITLES)} |")
-    print("|" + "---|" * (14 + len(TITLES)))
+          f"| irises found | without labels | head, by the run | gaze error, by the run | closed lids show | seconds | {' | '.join(TITLES)} |")
+    print("|" + "---|" * (15 + len(TITLES)))
     missing = 0
     for capture in captures:
         for name in sets:
@@ -148,7 +151,7 @@ def table(o, captures, sets, seeds):
             rows = [r for r in every if r]
             missing += len(every) - len(rows)
             if not rows:
-                print(f"| {capture.name} | {name} | 0 of {len(seeds)} |" + " failed |" * (11 + len(TITLES)))
+                print(f"| {capture.name} | {name} | 0 of {len(seeds)} |" + " failed |" * (12 + len(TITLES)))
                 continue
             line = [shown([r[c] for r in rows], digits, unit) for c, digits, unit in columns]
             line += cells([r["judged"] for r in rows], shown)

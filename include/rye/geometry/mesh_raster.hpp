@@ -247,7 +247,7 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& 
     band_begin.push_back(static_cast<Index>(drawn.size()));
 
     // Contributions of every pixel first, in parallel; then sums over pixels, in parallel over
-    // channels, so that each sum is in the order of the pixels.
+    // channels and ranges of vertices, so that each sum is in the order of the pixels.
     struct ImageShare {
         Index vertex;
         Vec2<W> g;
@@ -305,34 +305,39 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& 
     MeshRasterGradient<T> out{{}, Columns<T>::Zero(attributes.rows(), attributes.cols())};
     constexpr int block = 16;  // channels per task: one cache line of floats
     const Index blocks = g.attributes ? chunk_count(attributes.rows(), block) : 0;
+    const Index ranges = std::clamp<Index>(backend.threads.size(), 1, 8);
     Columns<W> g_camera = Columns<W>::Zero(3, points.cols());
     Columns<W> g_image = Columns<W>::Zero(2, points.cols());
-    for_chunks(backend.threads, 2 + blocks, 1, [&](Index task, Index, Index) {
+    for_chunks(backend.threads, 1 + (1 + blocks) * ranges, 1, [&](Index task, Index, Index) {
         if (task == 0) {
-            for (std::size_t i = 0; i < drawn.size(); ++i) {
-                const Index found = raster.face[static_cast<std::size_t>(drawn[i])];
-                const Face& f = faces[static_cast<std::size_t>(found)];
-                for (std::size_t k = 0; k < 3; ++k)
-                    g_camera.col(f[k]) += corner.col(static_cast<Index>(i))
-                                              .template segment<3>(3 * static_cast<Index>(k));
-            }
-            return;
-        }
-        if (task == 1) {
             for (const auto& shares : outline)
                 for (const ImageShare& s : shares) g_image.col(s.vertex) += s.g;
             return;
         }
-        const Index c = (task - 2) * block;
-        const auto add = [&](auto size) {
-            for (const Index p : drawn) {
+        const Index range = (task - 1) % ranges, kind = (task - 1) / ranges;
+        const Index first = points.cols() * range / ranges,
+                    end = points.cols() * (range + 1) / ranges;
+        // Calls add(pixel's number, pixel, corner, vertex) for corners in the range.
+        const auto each_corner = [&](const auto& add) {
+            for (std::size_t i = 0; i < drawn.size(); ++i) {
+                const Index p = drawn[i];
                 const Face& f =
                     faces[static_cast<std::size_t>(raster.face[static_cast<std::size_t>(p)])];
                 for (std::size_t k = 0; k < 3; ++k)
-                    out.attributes.col(f[k]).segment(c, size) +=
-                        raster.barycentric(static_cast<Index>(k), p) *
-                        g.attributes->col(p).segment(c, size);
+                    if (f[k] >= first && f[k] < end)
+                        add(static_cast<Index>(i), p, static_cast<Index>(k), f[k]);
             }
+        };
+        if (kind == 0)
+            return each_corner([&](Index i, Index, Index k, Index vertex) {
+                g_camera.col(vertex) += corner.col(i).template segment<3>(3 * k);
+            });
+        const Index c = (kind - 1) * block;
+        const auto add = [&](auto size) {
+            each_corner([&](Index, Index p, Index k, Index vertex) {
+                out.attributes.col(vertex).segment(c, size) +=
+                    raster.barycentric(k, p) * g.attributes->col(p).segment(c, size);
+            });
         };
         if (attributes.rows() - c >= block) return add(Eigen::fix<block>);
         add(attributes.rows() - c);

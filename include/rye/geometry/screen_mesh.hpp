@@ -144,7 +144,7 @@ std::vector<ScreenFace> screen_faces(const P& threads, const ScreenMesh<T>& mesh
 
 /// Faces, by index, whose boxes plus a margin overlap a band of rows.
 struct FaceBands {
-    static constexpr int rows = 16;  ///< fixed, so results do not depend on the number of threads
+    static constexpr int rows = 8;   ///< fixed, so results do not depend on the number of threads
     std::vector<Index> begin;        ///< faces[begin[b]] ... faces[begin[b + 1] - 1] are in band b
     std::vector<Index> faces;
 
