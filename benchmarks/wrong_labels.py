@@ -118,7 +118,7 @@ def figures(folder):
         seconds = float((folder / "seconds").read_text())
     except FileNotFoundError:
         return None
-    r, lids = results["all"], (results["closed_lids"] or {}).get("visible")
+    r, lids = results["all"], (results.get("closed_lids") or {}).get("visible")
     seen, render = r["eyes_visible"], r["gaze"]["render"]
     return {"head": r["head"]["psnr"], "by_run": by_run["head"]["psnr"],
             "gaze_by_run": by_run["gaze"]["render"]["degrees"], "ssim": r["head"]["ssim"],
