@@ -135,7 +135,7 @@ class DeviceLabelDrawing {
     }
 
     Index expression_width() const { return width_; }
-    /// Draws with this dilation [px^2], if the accuracy has one.
+    /// Draws with this dilation from now on [px^2].
     void set_dilation(double dilation) { rasterizer_.accuracy.dilation = dilation; }
 
     void drive(const Labels& labels) {
