@@ -6,6 +6,8 @@
 
 #include "../support/hostile.hpp"
 #include "comparison.hpp"
+#include "corrections/labels.hpp"
+#include "data/config.hpp"
 #include "data/validate.hpp"
 #include "importers/import_folder.hpp"
 #include "sources.hpp"
@@ -74,6 +76,22 @@ TEST_CASE("tracked: vhap's iris has the size that the pictures show") {
         CHECK(*eye.limbus_radius / *eye.radius ==
               doctest::Approx(*is.limbus_radius / *is.radius).epsilon(0.1));
     }
+}
+
+TEST_CASE("tracked: gazes from irises are read again where heads are corrected") {
+    const Tracked& t = Tracked::one();
+    const TemporaryFolder folder;
+    write_gha_source(t.wrong, folder.path / "source", 0.1);
+    import_gha(options(folder.path / "source", folder.path / "out"));
+    Capture got = read_trainable_capture(folder.path / "out");
+    const Comparison before = compare(t.right.capture, got, got.train);
+    const LabelFindings found = correct_labels(got, preset("cpu"));
+    const Comparison after = compare(t.right.capture, got, got.train);
+    INFO(before.text());
+    INFO(after.text());
+    CHECK(found.gazes);
+    CHECK(after.mean_gaze_deg < 0.75 * before.mean_gaze_deg);
+    CHECK(after.mean_centres_mm < 0.6 * before.mean_centres_mm);
 }
 
 TEST_CASE("tracked: an import gets true gazes, eyeballs and eye masks in its test frames") {

@@ -376,6 +376,13 @@ class Corrector {
         return std::filesystem::exists(file) && read_json(file).contains("video");
     }
 
+    /// Returns true for a capture of `rye import gha` without gazes: its eyeballs are assumed, at one
+    /// place in the head, and its gazes are where the irises lie on them.
+    bool of_irises() const {
+        const std::filesystem::path file = c_.folder / "capture.json";
+        return std::filesystem::exists(file) && read_json(file).value("gazes", "") == "irises";
+    }
+
     /// Gives all frames eyeballs, which the capture did not measure. Returns false if the pictures
     /// do not tell of them.
     bool place_eyeballs() {
@@ -407,6 +414,51 @@ class Corrector {
         return true;
     }
 
+    /// Returns the mean place of each eyeball in the head, and how far frames are from it [mm].
+    std::pair<std::array<Vec3<double>, 2>, std::vector<double>> mean_centres() {
+        std::array<Vec3<double>, 2> mean{Vec3<double>::Zero(), Vec3<double>::Zero()};
+        std::vector<double> away;
+        for (std::size_t e = 0; e < 2; ++e) {
+            const auto in_head = [&](std::size_t i) {
+                return Vec3<double>(to_canonical(frame(i), *frame(i).eyes[e].centre));
+            };
+            for (std::size_t i = 0; i < count(); ++i)
+                mean[e] += in_head(i) / static_cast<double>(count());
+            for (std::size_t i = 0; i < count(); ++i)
+                away.push_back(mm_per_unit * (in_head(i) - mean[e]).norm());
+        }
+        return {mean, away};
+    }
+    /// Puts both eyeballs of all training frames at this place in the head.
+    void hold_centres(const std::array<Vec3<double>, 2>& at) {
+        for (std::size_t i = 0; i < count(); ++i) {
+            CaptureFrame& f = frame(i);
+            const Mat3<double> r = so3_exp(Vec3<double>(f.pose.head<3>()));
+            for (std::size_t e = 0; e < 2; ++e)
+                f.eyes[e].centre = Vec3<double>(f.scale * (r * at[e]) + f.pose.tail<3>());
+        }
+    }
+
+    /// Looks for the irises again, whose gazes are the labels: as heads are corrected, so are the
+    /// eyeballs that were assumed in them.
+    void look_again() {
+        const auto [mean, away] = mean_centres();
+        constexpr double least_motion = 0.1;
+        const bool wrong = found_.poses && rms(away) > least_motion;
+        found_.all.push_back({"eyeballs, assumed in the head", rms(away), least_motion, "mm", wrong,
+                              "held at their mean, and the gazes read from the irises again"});
+        if (!wrong) return;
+        hold_centres(mean);
+        const std::vector<std::array<SeenGaze, 2>> seen = seen_gazes(c_, c_.train, balls(nullptr));
+        found_.gazes = true;
+        for (std::size_t i = 0; i < count(); ++i)
+            for (std::size_t e = 0; e < 2; ++e) {
+                const std::size_t from = seen[i][e].views > 0 ? e : 1 - e; // an eye that none shows
+                if (seen[i][from].views > 0)
+                    turn_gaze(frame(i), e, seen[i][from].angles - pitch_yaw(frame(i).eyes[e].optical));
+            }
+    }
+
     void eyes() {
         if (of_video()) {
             found_.not_judged.push_back("gazes and eyeball centres: `rye import video` has weighed the "
@@ -425,17 +477,11 @@ class Corrector {
                                         "too few irises are seen from two sides to place them");
             return;
         }
-        std::array<Vec3<double>, 2> rig{Vec3<double>::Zero(), Vec3<double>::Zero()};
-        std::vector<double> moved;
-        for (std::size_t e = 0; e < 2; ++e) {
-            for (std::size_t i = 0; i < count(); ++i)
-                rig[e] += to_canonical(frame(i), *frame(i).eyes[e].centre) /
-                          static_cast<double>(count());
-            for (std::size_t i = 0; i < count(); ++i)
-                moved.push_back(
-                    mm_per_unit *
-                    (to_canonical(frame(i), *frame(i).eyes[e].centre) - rig[e]).norm());
+        if (!placed && of_irises()) {
+            look_again();
+            return;
         }
+        const auto [rig, moved] = mean_centres();
         // Eye masks of a mesh were elsewhere with it.
         const double area_error = found_.moved.empty() ? 0 : own_area_error;
         std::vector<std::array<SeenGaze, 2>> seen =
@@ -463,13 +509,7 @@ class Corrector {
         if (!placed)
             found_.all.push_back({"eyeball centres from their mean", rms(moved), least_motion, "mm",
                                   hold, "held at their mean, by which gazes agree with the irises"});
-        if (hold)
-            for (std::size_t i = 0; i < count(); ++i) {
-                CaptureFrame& f = frame(i);
-                const Mat3<double> r = so3_exp(Vec3<double>(f.pose.head<3>()));
-                for (std::size_t e = 0; e < 2; ++e)
-                    f.eyes[e].centre = Vec3<double>(f.scale * (r * rig[e]) + f.pose.tail<3>());
-            }
+        if (hold) hold_centres(rig);
         gazes(d, bound);
     }
 

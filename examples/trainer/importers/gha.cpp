@@ -379,6 +379,8 @@ Json description(const GhaSource& s, const std::set<std::string>& left_out) {
                                : "photographs; multiplied by the mask when read";
     conventions["world"] = "that of the source, lengths times " + factor_text(s.factor);
     json["conventions"] = conventions;
+    if (s.from == GazeFrom::iris) json["gazes"] = "irises";
+    else if (s.from == GazeFrom::file) json.erase("gazes");
     return json;
 }
 
