@@ -9,9 +9,7 @@ anywhere."""
 import argparse
 import concurrent.futures
 import json
-import os
 import pathlib
-import queue
 import re
 import shutil
 import subprocess
@@ -19,6 +17,7 @@ import sys
 import time
 
 from rows import print_table
+from trainings import Failed, Slots, call, once
 
 # Kind of make_import_source, kind of `rye import`, further arguments.
 SOURCES = {
@@ -51,24 +50,6 @@ def arguments():
     p.add_argument("--jobs", type=int, default=1, help="sources at once")
     p.add_argument("--devices", type=int, default=0, help="CUDA devices to spread the jobs over")
     return p.parse_args()
-
-
-class Failed(Exception):
-    pass
-
-
-def call(log, env, *command):
-    with open(log, "a") as out:
-        out.write("$ " + " ".join(str(c) for c in command) + "\n")
-        out.flush()
-        if subprocess.call([str(c) for c in command], stdout=out, stderr=out, env=env) != 0:
-            raise Failed(f"{' '.join(str(c) for c in command[:2])} failed; see {log}")
-
-
-def once(path, log, env, *command):
-    """Calls a command that makes `path`, unless it is there."""
-    if not path.exists():
-        call(log, env, *command)
 
 
 def make_truth(o):
@@ -121,14 +102,12 @@ def import_source(o, name, errors, folder, log, env):
     once(folder / "tests", log, env, o.make, "tests", truth, capture, folder / "tests", *gazes)
 
 
-def train_and_measure(o, free, name, errors):
+def train_and_measure(o, slots, name, errors):
     """Writes OUT/NAME-SET with labels.json, run, its results.json and the file seconds, unless complete."""
     folder = o.out / f"{name}-{errors}"
     folder.mkdir(parents=True, exist_ok=True)
     log, run = folder / "log.txt", folder / "run"
-    device = free.get()
-    env = dict(os.environ) if o.devices == 0 else dict(os.environ, CUDA_VISIBLE_DEVICES=str(device % o.devices))
-    try:
+    with slots.environment() as env:
         import_source(o, name, errors, folder, log, env)
         if o.labels_only or (run / "results.json").exists():
             return
@@ -138,8 +117,6 @@ def train_and_measure(o, free, name, errors):
              "--seed", o.seed, "--overwrite", *extra)
         (folder / "seconds").write_text(str(time.time() - begin))
         call(log, env, o.rye, "evaluate", "--run", run, "--capture", folder / "tests")
-    finally:
-        free.put(device)
 
 
 def measure_mono_around(o, errors):
@@ -208,12 +185,10 @@ def main():
         make_truth(o)
     except Failed as e:
         sys.exit(f"imports.py: {e}")
-    free = queue.Queue()
-    for i in range(o.jobs):
-        free.put(i)
+    slots = Slots(o.jobs, o.devices)
     tasks = [(n, s) for s in sets for n in names]
     with concurrent.futures.ThreadPoolExecutor(o.jobs) as pool:
-        for task, done in [(t, pool.submit(train_and_measure, o, free, *t)) for t in tasks]:
+        for task, done in [(t, pool.submit(train_and_measure, o, slots, *t)) for t in tasks]:
             try:
                 done.result()
             except (Failed, subprocess.CalledProcessError) as e:

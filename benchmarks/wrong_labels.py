@@ -12,21 +12,14 @@ head poses alone. Results in OUT are kept: a call that was stopped goes on. Afte
 import argparse
 import concurrent.futures
 import json
-import os
 import pathlib
-import queue
-import statistics
-import subprocess
 import sys
 import time
 
 from judged import TITLES, cells, judged
+from trainings import EXPRESSION, LANDMARKS, POSE, TRACK, Failed, Slots, call, shown
 
 GAZE = ["--gaze-common", "4", "--gaze-single", "2"]
-EXPRESSION = ["--expression", "0.06", "--expression-share", "0.5"]
-POSE = ["--pose", "0.6,1"]
-LANDMARKS = ["--landmarks", "1.5"]
-TRACK = EXPRESSION + POSE + LANDMARKS
 GAINS = ["--gain", "12", "--white-balance", "5"]
 CAMERAS = ["--camera-rotation", "0.5", "--focal", "1"]
 SETS = {
@@ -62,17 +55,7 @@ def arguments():
     return p.parse_args()
 
 
-class Failed(Exception):
-    pass
-
-
-def call(log, env, *command):
-    with open(log, "a") as out:
-        if subprocess.call([str(c) for c in command], stdout=out, stderr=out, env=env) != 0:
-            raise Failed(f"{' '.join(str(c) for c in command[:2])} failed; see {log}")
-
-
-def train_and_measure(o, free, capture, set_name, seed, first):
+def train_and_measure(o, slots, capture, set_name, seed, first):
     """Writes OUT/CAPTURE/SET_SEED with run, evaluation and the file seconds, unless it is complete.
     `first`: the task whose run refines the labels, or None."""
     if first:
@@ -83,9 +66,7 @@ def train_and_measure(o, free, capture, set_name, seed, first):
         return
     folder.mkdir(parents=True, exist_ok=True)
     log, copy, run = folder / "log.txt", folder / "capture", folder / "run"
-    device = free.get()
-    env = dict(os.environ) if o.devices == 0 else dict(os.environ, CUDA_VISIBLE_DEVICES=str(device % o.devices))
-    try:
+    with slots.environment() as env:
         if refined and not copy.exists():
             of = o.out / capture.name / f"{name}_{seed}"
             call(log, env, o.rye, "refine", of / "run", "--capture", of / "capture" if SETS[name] else capture,
@@ -107,8 +88,6 @@ def train_and_measure(o, free, capture, set_name, seed, first):
         evaluate = [o.rye, "evaluate", "--run", run, "--capture"]
         call(log, env, *evaluate, by_run, "--align-head", "--out", folder / "by_run")
         call(log, env, *evaluate, measured)
-    finally:
-        free.put(device)
 
 
 def figures(folder):
@@ -126,15 +105,6 @@ def figures(folder):
             "where_found": render["degrees_where_found"], "found": 100 * render["found"] / max(seen, 1),
             "without": r["gaze_without_labels"]["render"]["degrees"], "lids": None if lids is None else 100 * lids,
             "seconds": seconds, "judged": judged(folder / "run")}
-
-
-def shown(values, digits, unit):
-    if None in values:
-        return "none"
-    text = f"{statistics.mean(values):.{digits}f}"
-    if len(values) > 1:
-        text += f" ± {statistics.stdev(values):.{digits}f}"
-    return text + unit
 
 
 def table(o, captures, sets, seeds):
@@ -173,16 +143,14 @@ def main():
                      "wrong cameras")
     if len({c.name for c in o.captures}) != len(o.captures):
         sys.exit("wrong_labels.py: two captures have the same folder name")
-    free = queue.Queue()
-    for i in range(o.jobs):
-        free.put(i)
+    slots = Slots(o.jobs, o.devices)
     tasks = [(c, n, s) for s in seeds for c in o.captures for n in sets]
     tasks.sort(key=lambda t: "+" in t[1])  # none waits for one behind it
     with concurrent.futures.ThreadPoolExecutor(o.jobs) as pool:
         done = {}
         for c, n, s in tasks:
             first = done[c, n.partition("+")[0], s] if "+" in n else None
-            done[c, n, s] = pool.submit(train_and_measure, o, free, c, n, s, first)
+            done[c, n, s] = pool.submit(train_and_measure, o, slots, c, n, s, first)
         for task in tasks:
             try:
                 done[task].result()
