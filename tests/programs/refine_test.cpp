@@ -14,7 +14,9 @@
 #include "../support/file_bytes.hpp"
 #include "../support/hostile.hpp"
 #include "command_line.hpp"
+#include "corrections/gaze_mean.hpp"
 #include "data/checksums.hpp"
+#include "data/degrees.hpp"
 #include "data/json.hpp"
 #include "data/samples.hpp"
 #include "data/validate.hpp"
@@ -161,12 +163,14 @@ TEST_CASE("refine: training frames change, test frames and pictures do not; any 
     for (const int f : before.test)
         CHECK(bytes_of(scene.out / "params" / TinyCapture::frame(f) / "params.npz") ==
               bytes_of(scene.capture.params(f, "params.npz")));
+    std::vector<Vec2<double>> changes;
     Vec2<double> mean = Vec2<double>::Zero();
     for (const int f : before.train) {
         const auto at = static_cast<std::size_t>(f);
         CHECK(after.frames[at].pose != before.frames[at].pose);
-        mean += pitch_yaw(after.frames[at].eyes[0].optical) -
-                pitch_yaw(before.frames[at].eyes[0].optical);
+        changes.push_back(pitch_yaw(after.frames[at].eyes[0].optical) -
+                          pitch_yaw(before.frames[at].eyes[0].optical));
+        mean += changes.back() / static_cast<double>(before.train.size());
     }
     auto record = read_json(scene.out / "refine.json");
     CHECK(take_checksum(record) == Checked::right);
@@ -174,7 +178,15 @@ TEST_CASE("refine: training frames change, test frames and pictures do not; any 
     const bool outlier =
         std::any_of(record.at("frames").begin(), record.at("frames").end(),
                     [](const auto& f) { return f.at("outlier").template get<bool>(); });
-    if (!outlier) CHECK(mean.norm() < 1e-9);
+    if (!outlier) {
+        // Of the mean change the labels have what their own spread explains.
+        const auto n = static_cast<double>(changes.size());
+        double variance = 0;
+        for (const Vec2<double>& c : changes) variance += (c - mean).squaredNorm() / 2 / (n - 1) / n;
+        const auto taken = record.at("mean_taken_off").at("gaze_left").get<std::vector<double>>();
+        const Vec2<double> whole = mean + degree * Vec2<double>(taken[0], taken[1]);
+        CHECK((mean - mean_error_of_labels(whole, variance)).norm() < 1e-9);
+    }
     for (const auto& f : record.at("frames")) CHECK(f.at("cost") <= f.at("cost_before"));
 
     scene.refine(scene.folder.path / "again", "2");
@@ -182,6 +194,18 @@ TEST_CASE("refine: training frames change, test frames and pictures do not; any 
         for (const char* file : {"params.npz", "gaze.npz", "lmk_3d.npy"})
             CHECK(bytes_of(scene.out / "params" / TinyCapture::frame(f) / file) ==
                   bytes_of(scene.folder.path / "again" / "params" / TinyCapture::frame(f) / file));
+}
+
+TEST_CASE("refine: a mean difference of gazes is the labels' error as far as it is likelier") {
+    const Vec2<double> mean(0.8 * degree, -0.6 * degree);
+    const auto share = [&](double deviation) {
+        return mean_error_of_labels(mean, std::pow(deviation * degree, 2)).dot(mean) /
+               mean.squaredNorm();
+    };
+    CHECK(share(0) == 0);
+    CHECK(share(0.7) == doctest::Approx(0.5));
+    CHECK(share(7) == doctest::Approx(1 / 1.01));
+    CHECK(mean_error_of_labels(5 * mean, std::pow(0.7 * degree, 2)).isZero(0)); // a kappa
 }
 
 TEST_CASE("refine: smaller pictures are of Gaussians as wide as training saw them") {

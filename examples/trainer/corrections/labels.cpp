@@ -14,6 +14,7 @@
 #include "corrections/centre_errors.hpp"
 #include "corrections/expression_regions.hpp"
 #include "corrections/fitted_eyeballs.hpp"
+#include "corrections/gaze_mean.hpp"
 #include "corrections/seen_gazes.hpp"
 #include "corrections/skin_poses.hpp"
 #include "data/degrees.hpp"
@@ -538,13 +539,8 @@ class Corrector {
         std::array<Vec2<double>, 2> mean{Vec2<double>::Zero(), Vec2<double>::Zero()};
         for (std::size_t e = 0; e < 2; ++e) {
             if (d.off[e].empty()) continue;
-            // The mean over frames: labels contribute their error, pictures a bias of at most this.
-            // A larger difference belongs to the visual axis, and is kept.
-            constexpr double bias = 0.7 * degree;
-            const double of_labels = off * off / static_cast<double>(d.off[e].size());
-            const double trusted = of_labels / (of_labels + bias * bias);
-            if (d.mean[e].norm() <= 3 * std::sqrt(2 * (of_labels + bias * bias)))
-                mean[e] = trusted * d.mean[e];
+            mean[e] = mean_error_of_labels(d.mean[e],
+                                           off * off / static_cast<double>(d.off[e].size()));
             for (std::size_t k = 0; k < d.off[e].size(); ++k) {
                 const Vec2<double> variance = d.sigma[e][k].array().square();
                 // No label is that wrong: the picture showed no iris.

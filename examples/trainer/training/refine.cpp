@@ -7,6 +7,7 @@
 #include <rye/avatar/hold.hpp>
 #include <rye/train/host_label_drawing.hpp>
 
+#include "corrections/gaze_mean.hpp"
 #include "data/degrees.hpp"
 #include "data/median.hpp"
 #include "data/samples.hpp"
@@ -91,17 +92,25 @@ void mark_outliers(std::vector<RefinedFrame>& frames) {
     for (RefinedFrame& f : frames) f.outlier = f.found.residual > middle + far;
 }
 
-/// Subtracts the mean change from the frames: the mean of gazes belongs to the avatar's kappa, that
-/// of poses to the head's frame. Ignores outliers. For a single frame the mean would be all of it.
+/// Subtracts from the frames what their mean change does not say of the labels: of gazes the rest is
+/// the avatar's kappa, or its own labels' mean; that of poses is the head's frame. Ignores outliers.
+/// For a single frame the mean would be all of it.
 VecX<double> take_mean(RefinedCapture& refined, const RefineOptions& options) {
     const LabelUnknowns& u = refined.unknowns;
-    VecX<double> mean = VecX<double>::Zero(u.count());
+    VecX<double> mean = VecX<double>::Zero(u.count()), squares = mean;
     int count = 0;
     for (const RefinedFrame& f : refined.frames)
         if (!f.outlier) mean += f.found.change, ++count;
     if (count < 2) return VecX<double>::Zero(u.count());
     mean /= count;
+    for (const RefinedFrame& f : refined.frames)
+        if (!f.outlier) squares += (f.found.change - mean).cwiseAbs2();
+    const VecX<double> variance_of_mean = squares / (count - 1.0) / count;
     mean.tail(static_cast<Index>(u.expression.size())).setZero();
+    for (Index e = 0; e < u.gaze_count(); e += 2) {
+        const Vec2<double> whole = mean.segment<2>(e);
+        mean.segment<2>(e) -= mean_error_of_labels(whole, variance_of_mean.segment<2>(e).mean());
+    }
     if (options.keep_gaze_mean) mean.head(u.gaze_count()).setZero();
     if (options.keep_pose_mean) mean.segment(u.gaze_count(), u.pose_count()).setZero();
     for (RefinedFrame& f : refined.frames) f.found.change -= mean;
