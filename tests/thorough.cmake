@@ -93,6 +93,7 @@ endif()
 if(TARGET rye_program)
   add_executable(bit_flips programs/bit_flips.cpp)
   target_link_libraries(bit_flips PRIVATE rye_test_tiny rye_test_flags)
+  target_precompile_headers(bit_flips REUSE_FROM rye_test_support)
   add_test(NAME bit_flips COMMAND bit_flips)  # bit_flips 300: as many in each file
   set_tests_properties(bit_flips PROPERTIES TIMEOUT 300)
   rye_check(two_trainings programs/two_trainings.sh $<TARGET_FILE:rye_program>

@@ -57,26 +57,6 @@ TrainState trained() {
     return s;
 }
 
-/// A picture of a grey and a white half, all of it eyes.
-AvatarSample<float> small_sample(const TrainState& state) {
-    AvatarSample<float> s;
-    s.drivers = test::tiny_drivers<float>();
-    s.frame = 1;
-    s.camera = test::tiny_camera(32, 24).cast<float>();
-    const Index pixels = 32 * 24;
-    s.truth_small = Image<float>(32, 24, 3);
-    s.truth_small.pixels.setConstant(0.5f);
-    s.truth_small.pixels.leftCols(pixels / 2).setOnes();
-    s.truth = Image<float>(64, 48, 3);
-    s.truth.pixels.setConstant(0.5f);
-    s.truth.pixels.leftCols(2 * pixels).setOnes();
-    for (Columns<float>* a : {&s.visible_small, &s.eyes_small, &s.mask_small})
-        *a = Columns<float>::Ones(1, pixels);
-    for (Columns<float>* a : {&s.visible, &s.eyes}) *a = Columns<float>::Ones(1, 4 * pixels);
-    s.background = s.blank = VecX<float>::Ones(state.config.avatar.channels);
-    return s;
-}
-
 bool equal(const Gaussians<float>& a, const Gaussians<float>& b) {
     bool same = true;
     Gaussians<float>::fields(

@@ -48,24 +48,6 @@ TrainState sight_state() {
     return s;
 }
 
-/// A grey picture, all of it eyes.
-AvatarSample<float> small_sample(const TrainState& state) {
-    AvatarSample<float> s;
-    s.drivers = test::tiny_drivers<float>();
-    s.frame = 1;
-    s.camera = test::tiny_camera(32, 24).cast<float>();
-    const Index pixels = 32 * 24;
-    s.truth_small = Image<float>(32, 24, 3);
-    s.truth_small.pixels.setConstant(0.5f);
-    s.truth = Image<float>(64, 48, 3);
-    s.truth.pixels.setConstant(0.5f);
-    for (Columns<float>* a : {&s.visible_small, &s.eyes_small, &s.mask_small})
-        *a = Columns<float>::Ones(1, pixels);
-    for (Columns<float>* a : {&s.visible, &s.eyes}) *a = Columns<float>::Ones(1, 4 * pixels);
-    s.background = s.blank = VecX<float>::Ones(state.config.avatar.channels);
-    return s;
-}
-
 std::string message(const fs::path& run) {
     try {
         load_checkpoint(run);
@@ -474,7 +456,7 @@ TEST_CASE("run: drivers that overflow draw nothing, with an error") {
 
 namespace {
 
-void write_text(const fs::path& path, const std::string& text) { std::ofstream(path) << text; }
+void overwrite(const fs::path& path, const std::string& text) { std::ofstream(path) << text; }
 /// Lines of a log, each with its checksum.
 std::string checked_lines(const std::string& lines) {
     std::istringstream in(lines);
@@ -493,7 +475,7 @@ TEST_CASE("run folder: the log of a resumed run keeps its own lines, whatever el
     const std::string good = R"({"stage":"mesh","step":900,"loss":1})" "\n"
                              R"({"stage":"avatar","step":20})" "\n"
                              R"({"stage":"avatar","step":40})" "\n";
-    write_text(folder.path / "log.jsonl",
+    overwrite(folder.path / "log.jsonl",
                "5\n[]\n\"x\"\nnull\n{}\n" + good + R"({"stage":"avatar","step":60})" "\n" +
                    R"({"stage":5,"step":20})" "\n" + R"({"stage":"avatar","step":"20"})" "\n" +
                    R"({"stage":"avatar","st)");
@@ -503,21 +485,21 @@ TEST_CASE("run folder: the log of a resumed run keeps its own lines, whatever el
     CHECK(damaged == 7);
     // The lines of an older program have checksums now, and are still there when it goes on again.
     damaged = 0;
-    write_text(folder.path / "log.jsonl", kept);
+    overwrite(folder.path / "log.jsonl", kept);
     CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == kept);
     CHECK(damaged == 0);
     CHECK(kept_log(folder.path / "none", state, damaged).empty());
     // What was fitted after stage 1 belongs to stage 2: a run that is still in stage 1 fits again.
     const std::string step = R"({"stage":"mesh","step":15})" "\n";
     const std::string fit = R"({"stage":"mesh","step":15,"landmark_rms":0.1})" "\n";
-    write_text(folder.path / "log.jsonl", step + fit);
+    overwrite(folder.path / "log.jsonl", step + fit);
     CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == checked_lines(step + fit));
     state.stage = Stage::mesh;
     state.step = 15;
     CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == checked_lines(step));
     // What was found about labels is of the whole run.
     const std::string labels = R"({"stage":"labels","step":0,"labels":[]})" "\n";
-    write_text(folder.path / "log.jsonl", labels + step);
+    overwrite(folder.path / "log.jsonl", labels + step);
     CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == checked_lines(labels + step));
 }
 
@@ -528,7 +510,7 @@ TEST_CASE("run folder: a run is replaced when the new one has a checkpoint, not 
         RunFolder run(folder.path, old, Beginning::fresh);
         run.log({{"stage", "avatar"}, {"step", 20}});
         run.save(old);
-        write_text(folder.path / "panels" / "step_0000500.png", "old");
+        overwrite(folder.path / "panels" / "step_0000500.png", "old");
     }
     const auto all = [&] {
         return bytes_of(folder.path / "checkpoint.safetensors") + bytes_of(folder.path / "config.json") +
@@ -607,7 +589,7 @@ TEST_CASE("run folder: a log that has no room has whole lines only, a checkpoint
 
 TEST_CASE("run folder: a path that is a file, and a panel that cannot be drawn") {
     const TemporaryFolder folder;
-    write_text(folder.path / "file", "mine");
+    overwrite(folder.path / "file", "mine");
     const TrainState state = tiny_state();
     CHECK_THROWS_WITH_AS(RunFolder(folder.path / "file", state, Beginning::fresh),
                          doctest::Contains("is a file, expected a folder"), Error);

@@ -10,4 +10,7 @@ namespace rye::trainer {
 
 TrainState tiny_state();
 
+/// Returns a picture of a grey and a white half, all of it eyes, to train such a state on.
+AvatarSample<float> small_sample(const TrainState& state);
+
 } // namespace rye::trainer

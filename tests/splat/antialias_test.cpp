@@ -13,7 +13,7 @@ namespace {
 struct Mip : Exact64 {
     static constexpr Antialias antialias = Antialias::mip;
 };
-struct Plain : Exact64 {
+struct Unfiltered : Exact64 {
     static constexpr Antialias antialias = Antialias::none;
 };
 struct Balance : Balanced {
@@ -72,7 +72,7 @@ TEST_CASE("mip draws dilated Gaussians of the opacity that they keep; none is no
     const Columns<double> mip = draw<B, Mip>(g, c).feature.pixels;
     CHECK(most(mip, draw<B, Exact64>(kept, c).feature.pixels) < 1e-13);
     CHECK(most(mip, draw<B, Exact64>(g, c).feature.pixels) > 0.05);
-    const Columns<double> none = draw<B, Plain>(g, c).feature.pixels;
+    const Columns<double> none = draw<B, Unfiltered>(g, c).feature.pixels;
     CHECK(none == draw<B, Undilated>(g, c).feature.pixels);
     CHECK(none == draw<B, UndilatedMip>(g, c).feature.pixels);  // neutral: share is 1
     CHECK(most(none, mip) > 0.01);

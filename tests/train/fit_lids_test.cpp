@@ -42,7 +42,7 @@ struct Subject {
             expressions.push_back(Vec3<double>(0.5 + 0.5 * draw(), 0, 0.5 + 0.5 * draw()));
     }
     template <class Backend>
-    FittedLids fit(const Backend& backend, TwoStream<double>& a, int steps,
+    FittedLids fit(const Backend& host, TwoStream<double>& a, int steps,
                    const std::vector<Index>& blinks = {blink}, Index lids = 1000) const {
         LidFit fit;
         fit.steps = steps;
@@ -53,7 +53,7 @@ struct Subject {
         const auto mixed = [](const Random& random) {
             return VecX<double>(Vec3<double>(0.3 * random.uniform(0), 0, 0.3 * random.uniform(1)));
         };
-        return fit_lids(backend, a, config, roles, {expressions, blinks, 1.0}, mixed, fit);
+        return fit_lids(host, a, config, roles, {expressions, blinks, 1.0}, mixed, fit);
     }
     /// The face in the head's frame.
     Gaussians<double> driven(const TwoStream<double>& a, double closed) const {

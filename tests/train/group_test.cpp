@@ -18,7 +18,7 @@ using namespace rye::test;
 
 namespace {
 
-using Avatar = TwoStream<float>;
+using FloatAvatar = TwoStream<float>;
 constexpr Index pictures = 8, steps = 3;
 
 AvatarTraining<> training() {
@@ -38,9 +38,9 @@ AvatarSample<float> picture(Index step, Index k) {
     return s;
 }
 
-struct Trained {
-    Avatar avatar;
-    Adam<Avatar> adam;
+struct Ranked {
+    FloatAvatar avatar;
+    Adam<FloatAvatar> adam;
     std::vector<AvatarStepReport<float>> reports;
 };
 
@@ -52,11 +52,11 @@ struct Faults {
 };
 
 template <class G>
-Trained train(G& group, Index all = pictures, const Faults& faults = {}) {
+Ranked train(G& group, Index all = pictures, const Faults& faults = {}) {
     Draw draw{{4, 3}};
-    Trained r;
+    Ranked r;
     r.avatar = lifted<float>(tiny_avatar(tiny_config(), draw));
-    r.adam = Adam<Avatar>(r.avatar);
+    r.adam = Adam<FloatAvatar>(r.avatar);
     AvatarTrainer trainer{ScalarBackend<Serial>{}, r.avatar, r.adam, training()};
     const StepShare own = step_share(all, group.rank(), group.size());
     for (Index s = 0; s < steps; ++s) {
@@ -72,8 +72,8 @@ Trained train(G& group, Index all = pictures, const Faults& faults = {}) {
 }
 
 /// Returns the avatars of all ranks.
-std::vector<Trained> train_ranks(int ranks, Index all = pictures, const Faults& faults = {}) {
-    std::vector<Trained> of_rank(static_cast<std::size_t>(ranks));
+std::vector<Ranked> train_ranks(int ranks, Index all = pictures, const Faults& faults = {}) {
+    std::vector<Ranked> of_rank(static_cast<std::size_t>(ranks));
     run_ranks(ranks, [&](ThreadGroup& group) {
         of_rank[static_cast<std::size_t>(group.rank())] = train(group, all, faults);
     });
@@ -81,9 +81,9 @@ std::vector<Trained> train_ranks(int ranks, Index all = pictures, const Faults& 
 }
 
 /// Returns the names of the fields that differ in a bit.
-std::string different(const Trained& a, const Trained& b) {
+std::string different(const Ranked& a, const Ranked& b) {
     std::string names;
-    Avatar::fields(
+    FloatAvatar::fields(
         [&](const std::string& name, const auto& x, const auto& y, const auto& m, const auto& n,
             const auto& v, const auto& w) {
             if (!(x == y && m == n && v == w)) names += name + " ";
@@ -155,11 +155,11 @@ TEST_CASE("ranks share the pictures of a step without gaps") {
 
 TEST_CASE("a step of one added picture is the step of that picture, bit for bit") {
     Alone alone;
-    const Trained added = train(alone, 1);
-    Trained stepped = added;
+    const Ranked added = train(alone, 1);
+    Ranked stepped = added;
     Draw draw{{4, 3}};
     stepped.avatar = lifted<float>(tiny_avatar(tiny_config(), draw));
-    stepped.adam = Adam<Avatar>(stepped.avatar);
+    stepped.adam = Adam<FloatAvatar>(stepped.avatar);
     stepped.reports.clear();
     AvatarTrainer trainer{ScalarBackend<Serial>{}, stepped.avatar, stepped.adam, training()};
     for (Index s = 0; s < steps; ++s) stepped.reports.push_back(trainer.step(picture(s, 0)));
@@ -202,21 +202,21 @@ TEST_CASE("the gradient of a step of several pictures is their mean") {
 
 TEST_CASE("1, 2, 4 and 8 ranks give the same bits, and every rank the same avatar") {
     Alone alone;
-    const Trained one = train(alone);
+    const Ranked one = train(alone);
     CHECK(one.reports.back().adam.applied);
     for (const int ranks : {1, 2, 4, 8}) {
         CAPTURE(ranks);
-        for (const Trained& r : train_ranks(ranks)) CHECK(different(one, r) == "");
+        for (const Ranked& r : train_ranks(ranks)) CHECK(different(one, r) == "");
     }
 }
 
 TEST_CASE("3 ranks of 8 pictures differ from one by the order of sums alone") {
     Alone alone;
-    const Trained one = train(alone);
-    const std::vector<Trained> three = train_ranks(3);
+    const Ranked one = train(alone);
+    const std::vector<Ranked> three = train_ranks(3);
     CHECK(different(three[0], three[1]) == "");
     CHECK(different(three[0], three[2]) == "");
-    Avatar::fields(
+    FloatAvatar::fields(
         [](const std::string& name, const auto& a, const auto& b) {
             CAPTURE(name);
             CHECK((a - b).cwiseAbs().maxCoeff() <= 2e-5F * a.cwiseAbs().maxCoeff());
@@ -231,7 +231,7 @@ TEST_CASE("a rank that is late changes nothing") {
         if (rank == static_cast<int>(step))
             std::this_thread::sleep_for(std::chrono::milliseconds(50));
     };
-    const std::vector<Trained> ranks = train_ranks(2, pictures, faults);
+    const std::vector<Ranked> ranks = train_ranks(2, pictures, faults);
     CHECK(different(train(alone), ranks[0]) == "");
     CHECK(different(ranks[0], ranks[1]) == "");
 }
@@ -269,10 +269,10 @@ TEST_CASE("a gradient that is not finite on one rank is refused by all, which go
             sample.drivers.expression(0) = std::numeric_limits<float>::quiet_NaN();
     };
     Alone alone;
-    const Trained one = train(alone, pictures, faults);
+    const Ranked one = train(alone, pictures, faults);
     CHECK(one.adam.step == steps - 1);
     CHECK(!one.reports[1].adam.applied);
-    for (const Trained& r : train_ranks(4, pictures, faults)) {
+    for (const Ranked& r : train_ranks(4, pictures, faults)) {
         CHECK(!r.reports[1].adam.applied);
         CHECK(r.reports[1].adam.first_bad_field == one.reports[1].adam.first_bad_field);
         CHECK(r.adam.step == steps - 1);
