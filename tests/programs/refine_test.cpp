@@ -20,6 +20,7 @@
 #include "data/json.hpp"
 #include "data/samples.hpp"
 #include "data/validate.hpp"
+#include "importers/face_geometry.hpp"
 #include "tiny_scene.hpp"
 #include "training/refine.hpp"
 
@@ -206,6 +207,33 @@ TEST_CASE("refine: a mean difference of gazes is the labels' error as far as it 
     CHECK(share(0.7) == doctest::Approx(0.5));
     CHECK(share(7) == doctest::Approx(1 / 1.01));
     CHECK(mean_error_of_labels(5 * mean, std::pow(0.7 * degree, 2)).isZero(0)); // a kappa
+}
+
+TEST_CASE("refine: a closed eye gets the mean change of the other frames' gazes") {
+    const RefinedScene scene;
+    const Capture before = read_valid_capture(scene.capture.folder);
+    const int shut = before.train.front();
+    for (int c = 0; c < TinyCapture::cameras; ++c) {
+        const fs::path file = scene.capture.image(shut, c, "eye_mask");
+        Image8 eyes = read_image8(file, 1);
+        std::replace(eyes.values.begin(), eyes.values.end(), eye_mask_value(0), std::uint8_t(0));
+        write_png(file, eyes);
+    }
+    scene.refine(scene.out, "2");
+    const auto frames = read_json(scene.out / "refine.json").at("frames");
+    const auto of = [&](int f) { return frames.at(TinyCapture::frame(f)); };
+    CHECK(of(shut).at("closed").get<std::vector<bool>>() == std::vector<bool>{true, false});
+    Vec2<double> mean = Vec2<double>::Zero();
+    double count = 0;
+    const auto change = [&](int f) {
+        const auto c = of(f).at("change").at("gaze_left").get<std::vector<double>>();
+        return Vec2<double>(c[0], c[1]);
+    };
+    for (const int f : before.train)
+        if (f != shut && !of(f).at("outlier").get<bool>()) mean += change(f), ++count;
+    REQUIRE(count >= 2);
+    CHECK((change(shut) - mean / count).norm() < 1e-9);
+    CHECK(of(shut).at("sigma").at("gaze_left").at(0).get<double>() == doctest::Approx(4));
 }
 
 TEST_CASE("refine: smaller pictures are of Gaussians as wide as training saw them") {

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
+#include <optional>
 
 #include <rye/avatar/hold.hpp>
 #include <rye/train/host_label_drawing.hpp>
@@ -92,29 +94,76 @@ void mark_outliers(std::vector<RefinedFrame>& frames) {
     for (RefinedFrame& f : frames) f.outlier = f.found.residual > middle + far;
 }
 
+/// Marks eyes of which all pictures of a frame show less than a tenth of what they show in the
+/// median.
+void mark_closed(std::vector<RefinedFrame>& frames, const Capture& capture) {
+    if (!capture.has_eye_masks) return;
+    std::vector<std::array<double, 2>> seen;
+    for (const RefinedFrame& f : frames) {
+        seen.push_back({});
+        for (int c = 0; c < capture.camera_count(); ++c) {
+            const CaptureView& view = capture.view(f.frame, c);
+            if (!view.present || view.eye_mask.empty()) continue;
+            const Image<float> eyes = capture.eye_mask(f.frame, c);
+            for (std::size_t e = 0; e < 2; ++e)
+                seen.back()[e] += static_cast<double>(eyes.pixels.row(static_cast<Index>(e)).sum());
+        }
+    }
+    for (std::size_t e = 0; e < 2; ++e) {
+        std::vector<double> all;
+        for (const auto& s : seen) all.push_back(s[e]);
+        const double usual = median(all);
+        for (std::size_t i = 0; i < frames.size(); ++i)
+            frames[i].closed[e] = seen[i][e] < 0.1 * usual;
+    }
+}
+
+/// Mean change of some unknowns over frames, and the variance of that mean, itself their mean.
+struct MeanChange {
+    VecX<double> mean;
+    double variance;
+};
+/// Returns it of `count` unknowns from `at` on, in the frames that are `counted`; nothing of less
+/// than two.
+std::optional<MeanChange> mean_change(const std::vector<RefinedFrame>& frames, Index at, Index count,
+                                      const std::function<bool(const RefinedFrame&)>& counted) {
+    MeanChange m{VecX<double>::Zero(count), 0};
+    double n = 0;
+    for (const RefinedFrame& f : frames)
+        if (counted(f)) m.mean += f.found.change.segment(at, count), ++n;
+    if (n < 2) return std::nullopt;
+    m.mean /= n;
+    for (const RefinedFrame& f : frames)
+        if (counted(f)) m.variance += (f.found.change.segment(at, count) - m.mean).squaredNorm();
+    m.variance /= static_cast<double>(count) * (n - 1) * n;
+    return m;
+}
+
 /// Subtracts from the frames what their mean change does not say of the labels: of gazes the rest is
 /// the avatar's kappa, or its own labels' mean; that of poses is the head's frame. Ignores outliers.
-/// For a single frame the mean would be all of it.
+/// For a single frame the mean would be all of it. Closed eyes get the mean of the others.
 VecX<double> take_mean(RefinedCapture& refined, const RefineOptions& options) {
     const LabelUnknowns& u = refined.unknowns;
-    VecX<double> mean = VecX<double>::Zero(u.count()), squares = mean;
-    int count = 0;
-    for (const RefinedFrame& f : refined.frames)
-        if (!f.outlier) mean += f.found.change, ++count;
-    if (count < 2) return VecX<double>::Zero(u.count());
-    mean /= count;
-    for (const RefinedFrame& f : refined.frames)
-        if (!f.outlier) squares += (f.found.change - mean).cwiseAbs2();
-    const VecX<double> variance_of_mean = squares / (count - 1.0) / count;
-    mean.tail(static_cast<Index>(u.expression.size())).setZero();
-    for (Index e = 0; e < u.gaze_count(); e += 2) {
-        const Vec2<double> whole = mean.segment<2>(e);
-        mean.segment<2>(e) -= mean_error_of_labels(whole, variance_of_mean.segment<2>(e).mean());
+    VecX<double> taken = VecX<double>::Zero(u.count());
+    for (Index e = 0; e < u.gaze_count() / 2; ++e) {
+        const auto shut = [e](const RefinedFrame& f) { return f.closed[static_cast<std::size_t>(e)]; };
+        const auto m = mean_change(refined.frames, 2 * e, 2,
+                                   [&](const RefinedFrame& f) { return !f.outlier && !shut(f); });
+        for (RefinedFrame& f : refined.frames)
+            if (shut(f)) {
+                f.found.change.segment<2>(2 * e) = m ? m->mean : VecX<double>::Zero(2);
+                f.found.sigma.segment<2>(2 * e).setConstant(u.gaze_sigma);
+            }
+        if (!m || options.keep_gaze_mean) continue;
+        taken.segment<2>(2 * e) =
+            m->mean - mean_error_of_labels(Vec2<double>(m->mean), m->variance);
     }
-    if (options.keep_gaze_mean) mean.head(u.gaze_count()).setZero();
-    if (options.keep_pose_mean) mean.segment(u.gaze_count(), u.pose_count()).setZero();
-    for (RefinedFrame& f : refined.frames) f.found.change -= mean;
-    return mean;
+    const auto pose = mean_change(refined.frames, u.gaze_count(), u.pose_count(),
+                                  [](const RefinedFrame& f) { return !f.outlier; });
+    if (u.pose && pose && !options.keep_pose_mean)
+        taken.segment(u.gaze_count(), u.pose_count()) = pose->mean;
+    for (RefinedFrame& f : refined.frames) f.found.change -= taken;
+    return taken;
 }
 
 Json numbers(const VecX<double>& v, double unit) {
@@ -191,6 +240,7 @@ RefinedCapture refine_capture(const PlayableAvatar<float>& avatar, GazeAxis axis
         refine_frames(r, drawing, {axis, capture, frames, options, told});
     }
     mark_outliers(r.frames);
+    mark_closed(r.frames, capture);
     r.mean = take_mean(r, options);
     return r;
 }
@@ -235,6 +285,7 @@ Json refine_record(const RefinedCapture& refined, const Capture& capture,
             {"refused_steps", f.found.refused},
             {"settled", f.found.settled},
             {"outlier", f.outlier},
+            {"closed", f.closed},
             {"change", parts_of(u, f.found.change)},
             {"sigma", parts_of(u, f.found.sigma)}};
     record["frames"] = frames;

@@ -3,6 +3,7 @@
 /// trained avatar (rye/train/refine_labels.hpp).
 #pragma once
 
+#include <array>
 #include <functional>
 #include <string>
 #include <vector>
@@ -37,6 +38,7 @@ struct RefinedFrame {
     int views = 0;       ///< cameras that saw the frame
     RefinedLabels found; ///< its change is the one written, without the means
     bool outlier = false; ///< true if its residual is far from the other frames'
+    std::array<bool, 2> closed{}; ///< eyes that no picture shows, so that none tells their gazes
 };
 
 /// Result of all frames.
@@ -54,7 +56,8 @@ PlayableAvatar<float> refined_avatar(const TrainState& drawn, const Capture& cap
 /// Returns the coefficients that differ between frames of the capture, all, or none.
 std::vector<Index> refined_coefficients(const Capture& capture, RefinedExpression which);
 
-/// Refines these frames; calls `told` after each. Throws an Error that names the frame that cannot
+/// Refines these frames; calls `told` after each. Gazes of closed eyes get what all labels are off by
+/// alone. Throws an Error that names the frame that cannot
 /// be refined.
 RefinedCapture refine_capture(const PlayableAvatar<float>& avatar, GazeAxis axis,
                               const Capture& capture, const std::vector<int>& frames,
