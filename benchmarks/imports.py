@@ -17,7 +17,7 @@ import sys
 import time
 
 from rows import print_table
-from trainings import Failed, Slots, call, once
+from trainings import Failed, Slots, add_training_options, call, once
 
 # Kind of make_import_source, kind of `rye import`, further arguments.
 SOURCES = {
@@ -44,11 +44,8 @@ def arguments():
     p.add_argument("--size", type=int, default=256, help="edge of the pictures [px]")
     p.add_argument("--model", type=pathlib.Path, help="head model of `rye capture`; none: rye's own head")
     p.add_argument("--seed", type=int, default=1, help="of the head, of the errors and of the trainings")
-    p.add_argument("--preset", default="cpu")
-    p.add_argument("--config", type=pathlib.Path, help="fields that differ from the preset's")
     p.add_argument("--labels-only", action="store_true", help="no trainings: the table of labels alone")
-    p.add_argument("--jobs", type=int, default=1, help="sources at once")
-    p.add_argument("--devices", type=int, default=0, help="CUDA devices to spread the jobs over")
+    add_training_options(p)
     return p.parse_args()
 
 

@@ -14,7 +14,7 @@ import pathlib
 import statistics
 import sys
 
-from trainings import TRACK, Failed, Slots, call, once, shown
+from trainings import TRACK, Failed, Slots, add_training_options, call, once, shown
 
 LABELS = {"exact": None, "tracked": TRACK + ["--centres", "1"]}
 AWAY = ((0, 5), (5, 25), (25, 50), (50, 90))  # degrees between directions of view
@@ -29,10 +29,7 @@ def arguments():
     p.add_argument("--pictures", default="12,24,300")
     p.add_argument("--labels", default=",".join(LABELS), help="of " + ", ".join(LABELS))
     p.add_argument("--seeds", default="1,2,3")
-    p.add_argument("--preset", default="cpu")
-    p.add_argument("--config", type=pathlib.Path, help="fields that differ from the preset's")
-    p.add_argument("--jobs", type=int, default=1, help="trainings at once")
-    p.add_argument("--devices", type=int, default=0, help="CUDA devices to spread the jobs over")
+    add_training_options(p)
     return p.parse_args()
 
 

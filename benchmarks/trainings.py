@@ -2,6 +2,7 @@
 """trainings.py: commands of scripts that train many avatars at once, and means over seeds."""
 import contextlib
 import os
+import pathlib
 import queue
 import statistics
 import subprocess
@@ -11,6 +12,13 @@ EXPRESSION = ["--expression", "0.06", "--expression-share", "0.5"]
 POSE = ["--pose", "0.6,1"]
 LANDMARKS = ["--landmarks", "1.5"]
 TRACK = EXPRESSION + POSE + LANDMARKS
+
+
+def add_training_options(parser):
+    parser.add_argument("--preset", default="cpu")
+    parser.add_argument("--config", type=pathlib.Path, help="fields that differ from the preset's")
+    parser.add_argument("--jobs", type=int, default=1, help="trainings at once")
+    parser.add_argument("--devices", type=int, default=0, help="CUDA devices to spread the jobs over")
 
 
 class Failed(Exception):

@@ -17,7 +17,7 @@ import sys
 import time
 
 from judged import TITLES, cells, judged
-from trainings import EXPRESSION, LANDMARKS, POSE, TRACK, Failed, Slots, call, shown
+from trainings import EXPRESSION, LANDMARKS, POSE, TRACK, Failed, Slots, add_training_options, call, shown
 
 GAZE = ["--gaze-common", "4", "--gaze-single", "2"]
 GAINS = ["--gain", "12", "--white-balance", "5"]
@@ -48,10 +48,7 @@ def arguments():
     p.add_argument("--sets", default=",".join(USUAL),
                    help="of " + ", ".join(SETS) + "; with +" + " or +".join(REFINED) + " trained again")
     p.add_argument("--seeds", default="1,2,3")
-    p.add_argument("--preset", default="cpu")
-    p.add_argument("--config", type=pathlib.Path, help="fields that differ from the preset's")
-    p.add_argument("--jobs", type=int, default=1, help="trainings at once")
-    p.add_argument("--devices", type=int, default=0, help="CUDA devices to spread the jobs over")
+    add_training_options(p)
     return p.parse_args()
 
 

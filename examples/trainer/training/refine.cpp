@@ -123,8 +123,8 @@ struct MeanChange {
     VecX<double> mean;
     double variance;
 };
-/// Returns it of `count` unknowns from `at` on, in the frames that are `counted`; nothing of less
-/// than two.
+/// Returns the mean change of `count` unknowns from `at` on, in the frames that are `counted`;
+/// nothing of less than two.
 std::optional<MeanChange> mean_change(const std::vector<RefinedFrame>& frames, Index at, Index count,
                                       const std::function<bool(const RefinedFrame&)>& counted) {
     MeanChange m{VecX<double>::Zero(count), 0};
@@ -158,10 +158,10 @@ VecX<double> take_mean(RefinedCapture& refined, const RefineOptions& options) {
         taken.segment<2>(2 * e) =
             m->mean - mean_error_of_labels(Vec2<double>(m->mean), m->variance);
     }
-    const auto pose = mean_change(refined.frames, u.gaze_count(), u.pose_count(),
-                                  [](const RefinedFrame& f) { return !f.outlier; });
-    if (u.pose && pose && !options.keep_pose_mean)
-        taken.segment(u.gaze_count(), u.pose_count()) = pose->mean;
+    if (u.pose && !options.keep_pose_mean)
+        if (const auto m = mean_change(refined.frames, u.gaze_count(), u.pose_count(),
+                                       [](const RefinedFrame& f) { return !f.outlier; }))
+            taken.segment(u.gaze_count(), u.pose_count()) = m->mean;
     for (RefinedFrame& f : refined.frames) f.found.change -= taken;
     return taken;
 }
