@@ -320,7 +320,7 @@ add_subdirectory(fuzz)
 # ---- the longest first, so that two jobs end together on a machine that has not run them yet ------
 get_property(rye_tests DIRECTORY PROPERTY TESTS)
 set(cost 100)
-foreach(name device_programs test_train train_on_device headers_alone test_capture_scene
+foreach(name device_programs test_train_cuda train_on_device headers_alone test_capture_scene
              consumer_find_package device_kernels zero_cost_clang zero_cost_own_compiler pipeline
              compare packages density test_learning device_formulas test_evaluate crash_safety
              test_importers ranks test_widths)
