@@ -300,6 +300,15 @@ rye_status rye_avatar_drive(rye_avatar* avatar, const rye_drivers* drivers,
     });
 }
 
+rye_status rye_avatar_dilation(const rye_avatar* avatar, float* dilation) {
+    return guarded([&] {
+        check_pointer(avatar, "avatar");
+        check_pointer(dilation, "dilation");
+        check_driven(*avatar);
+        *dilation = static_cast<float>(avatar->player.dilation());
+    });
+}
+
 rye_status rye_avatar_upsampler(const rye_avatar* avatar, rye_upsampler* upsampler) {
     return guarded([&] {
         check_pointer(avatar, "avatar");

@@ -56,7 +56,13 @@ endif()
 add_subdirectory(widths)
 
 # ---- more checks that call the compiler themselves ---------------------------------------------
-rye_check(headers_alone headers/alone.sh ${compiler} ${include} ${precompiled})
+# A second for each of hundreds of headers; test_odr includes them all in two orders.
+if(RYE_TESTS STREQUAL release)
+  rye_check(headers_alone headers/alone.sh ${compiler} ${include} ${precompiled})
+  set_tests_properties(headers_alone PROPERTIES PROCESSORS 2 FIXTURES_REQUIRED rye_precompiled)
+else()
+  rye_not_run(headers_alone "check.sh --release runs it")
+endif()
 # -march=native may have lanes of 512 bits, whose intrinsics of g++ 12 warn of themselves.
 set(optimised)
 if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
@@ -68,7 +74,6 @@ rye_check(docstrings documents/doxygen.sh ${PROJECT_SOURCE_DIR}
           ${CMAKE_CURRENT_BINARY_DIR}/docstrings)
 rye_check(site site/site.sh ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_BINARY_DIR}/site)
 set_tests_properties(docstrings site PROPERTIES SKIP_RETURN_CODE 77)
-set_tests_properties(headers_alone PROPERTIES PROCESSORS 2 FIXTURES_REQUIRED rye_precompiled)
 if(NOT CMAKE_CXX_COMPILER_ID MATCHES Clang)
   find_program(RYE_CLANG NAMES clang++ clang++-14)
   if(RYE_CLANG)
@@ -247,9 +252,13 @@ if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
   function(rye_zero_cost name)
     rye_check(zero_cost_${name} effects/zero_cost.sh ${ARGN}
               ${CMAKE_CURRENT_BINARY_DIR}/compile_flags.txt
-              ${CMAKE_CURRENT_SOURCE_DIR}/effects/zero_cost.cpp)
+              ${CMAKE_CURRENT_SOURCE_DIR}/effects/zero_cost.cpp ${zero_cost_effects})
     set_tests_properties(zero_cost_${name} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 1800)
   endfunction()
+  if(NOT RYE_TESTS STREQUAL release)
+    set(zero_cost_effects EXPRESSION LEFT_GAZE GLINT HEAD_SHADING)
+    rye_not_run(zero_cost_of_every_effect "check.sh --release runs it")
+  endif()
   rye_zero_cost(own_compiler ${CMAKE_CXX_COMPILER})
   if(RYE_CLANG AND RYE_TESTS STREQUAL release)
     rye_zero_cost(clang ${RYE_CLANG})

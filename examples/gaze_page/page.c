@@ -170,6 +170,12 @@ EMSCRIPTEN_KEEPALIVE const float* page_render_lens(void) {
     numbers[5] = (float)render->width, numbers[6] = (float)render->height;
     return numbers;
 }
+/* The dilation of the driven Gaussians [px^2]; below 0 before there are any. */
+EMSCRIPTEN_KEEPALIVE float page_dilation(void) {
+    float dilation = -1;
+    rye_avatar_dilation(avatar, &dilation);
+    return dilation;
+}
 /* channels, capacity, doublings, normalized, skip */
 EMSCRIPTEN_KEEPALIVE const int* page_network(void) { return &network.channels; }
 EMSCRIPTEN_KEEPALIVE const float* page_convolution(int layer) { return network.convolution[layer]; }

@@ -13,14 +13,13 @@ using namespace rye;
 namespace {
 
 struct Numbers {
-    float alpha_min, alpha_max, stop, dilation, margin;
+    float alpha_min, alpha_max, stop, margin;
 
     template <AccuracyPolicy A>
     explicit Numbers(const A& a)
         : alpha_min(static_cast<float>(a.alpha_min)),
           alpha_max(static_cast<float>(a.alpha_max)),
           stop(static_cast<float>(a.stop)),
-          dilation(static_cast<float>(screen_dilation(a))),
           margin(static_cast<float>(a.frustum_margin)) {
         static_assert(A::stop_rule == Stop::inclusive && A::support == Support::ellipse &&
                       A::antialias == Antialias::dilate && A::order == BlendOrder::by_centre &&
@@ -30,7 +29,7 @@ struct Numbers {
 
 } // namespace
 
-/// Returns alpha_min, alpha_max, stop, dilation [px^2] and margin of a rye_accuracy.
+/// Returns alpha_min, alpha_max, stop and margin of a rye_accuracy.
 extern "C" EMSCRIPTEN_KEEPALIVE const float* page_rules(int accuracy) {
     static Numbers numbers{Balanced{}};
     numbers = accuracy == RYE_ACCURACY_FAST    ? Numbers(Fast{})

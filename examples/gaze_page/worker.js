@@ -151,7 +151,7 @@ async function begin(avatar) {
 function frame(width, height, accuracy = 0) {
     const n = rye._page_gaussians(), { channels } = shapeOfNetwork();
     const [fx, fy, cx, cy, near, w, h] = floats(rye._page_render_lens(), 7);
-    const [alphaMin, alphaMax, stop, dilation, margin] = floats(rye._page_rules(accuracy), 5);
+    const [alphaMin, alphaMax, stop, margin] = floats(rye._page_rules(accuracy), 4);
     return {
         cloud: {
             mean: here(rye._page_mean(), 3 * n),
@@ -162,7 +162,7 @@ function frame(width, height, accuracy = 0) {
             moves: rye._page_moves(),
         },
         camera: { motion: floats(rye._page_motion(), 16), fx, fy, cx, cy, near, width: w, height: h },
-        rules: { alphaMin, alphaMax, stop, dilation, margin },
+        rules: { alphaMin, alphaMax, stop, dilation: rye._page_dilation(), margin },
         background: here(rye._page_background(), channels),
         width, height,
     };

@@ -63,21 +63,6 @@ TEST_CASE("cuda, emulated: what an avatar's device refuses") {
 TEST_CASE("cuda, emulated: an avatar is driven, drawn and differentiated as on the host") {
     avatar_drawn<Fine>(EmulatedDevice{}, host_queue, case_of_all());
 }
-TEST_CASE("cuda, emulated: avatars of fewer effects") {
-    const EmulatedDevice device;
-    avatar_against_host<Fine>(device, host_queue, case_of<PaperEffects>());
-    avatar_against_host<Fine>(device, host_queue, case_of<Effects<>>());
-    avatar_against_host<Fine>(device, host_queue, case_of<Effects<HeadPose>>());
-    avatar_against_host<Fine>(device, host_queue, case_of<Effects<Expression, LeftGaze, Kappa>>());
-    avatar_against_host<Fine>(device, host_queue, case_of<Effects<PoseResidual, EyeOffset>>());
-    avatar_against_host<Fine>(device, host_queue,
-                              case_of<Effects<HeadPose, RightGaze, Periocular, Kappa>>());
-}
-TEST_CASE("cuda, emulated: influences by two metrics") {
-    using Two = More<AllEffects, PoseInfluence<EuclideanDistance>>;
-    const AvatarCase<Two> c{restricted<Two>(avatar_of_all()), restricted<Two>(drivers_of_all())};
-    avatar_against_host<Fine>(EmulatedDevice{}, host_queue, c);
-}
 TEST_CASE("cuda, emulated: another gaze alone gives the bits of other drivers, by fewer launches") {
     const EmulatedDevice device;
     const AvatarCase<AllEffects> c = case_of_all();

@@ -310,7 +310,11 @@ TEST_CASE(
         rye_avatar* apart = nullptr;
         REQUIRE(rye_avatar_open(path.c_str(), nullptr, &apart) == RYE_OK);
         check_failed(rye_avatar_gaussians(apart, &cloud), RYE_ERROR_STATE, "nor rye_avatar_drive");
+        float dilation = 0;
+        check_failed(rye_avatar_dilation(apart, &dilation), RYE_ERROR_STATE, "nor rye_avatar_drive");
         REQUIRE(rye_avatar_drive(apart, &d, &camera) == RYE_OK);
+        REQUIRE(rye_avatar_dilation(apart, &dilation) == RYE_OK);
+        CHECK(dilation == static_cast<float>(player.dilation()));
         REQUIRE(rye_avatar_gaussians(apart, &cloud) == RYE_OK);
         check_close(Eigen::Map<const Columns<float>>(cloud.feature, 5, 78),
                     player.gaussians().feature);

@@ -21,6 +21,7 @@ struct Stage {
     LandmarkRoles roles = tiny_roles();
     TwoStream<T, E> avatar;
     Drivers<T, E> drivers = restricted<E>(tiny_drivers<T>());
+    double dilation = 0.3;
     Pinhole<T> camera = tiny_camera(85, 69).template cast<T>();
     VecX<T> background;
 
@@ -48,7 +49,10 @@ void check_frame(const B& backend, FrameCache<B, A, T, E>& cache, const Stage<T,
     TwoStreamTrace<T, E> trace;
     drive(backend, s.avatar, {s.config, s.roles, seen_from(s.drivers, s.camera)}, trace);
     const Gaussians<T>& g = trace.gaussians;
-    const Raster<T> whole = Rasterizer<A>().forward(backend, g, s.camera, s.background);
+    Rasterizer<A> rasterizer;
+    rasterizer.accuracy.dilation = s.dilation;
+    const Raster<T> whole = rasterizer.forward(backend, g, s.camera, s.background);
+    cache.set_dilation(s.dilation);
     const Raster<T>& kept = cache.update(s.drivers, s.camera, s.background);
     Gaussians<T>::fields([](const std::string& name, const auto& a, const auto& b) {
         INFO(name);
@@ -81,6 +85,7 @@ void change(Stage<T, E>& s, int step) {
     }
     if (all || chance(0.1)) s.camera.cx += any();
     if (all || chance(0.1)) s.camera.camera_from_world.translation[0] += T(0.3) * any();
+    if (all || chance(0.1)) s.dilation = 0.1 + random.uniform(k++);
 }
 
 template <class T, EffectSet E = PaperEffects, class B>

@@ -44,18 +44,18 @@ static_assert(GivesThreads<ThreadPool&> && !GivesThreads<ThreadPool>);
 
 /// The picture by the ordinary functions.
 Image<float> whole_picture(const PlayableAvatar<float>& p, const Drivers<float>& drivers,
-                           const Pinhole<float>& camera, const VecX<float>& background) {
+                           const Pinhole<float>& camera, const VecX<float>& background,
+                           double dilation) {
     const XsimdBackend<> backend;
     TwoStreamTrace<float, TrainedEffects> trace;
     drive(backend, p.avatar,
           {p.config, p.roles, seen_from(restricted<TrainedEffects>(drivers), camera)}, trace);
     const Pinhole<float> small = render_camera(camera, 1 << p.avatar.upsampler.shape.doublings);
-    const Image<float> large =
-        upsampler_forward(backend, p.avatar.upsampler,
-                          Rasterizer<FeaturesOnly<Balanced>>()
-                              .forward(backend, trace.gaussians, small, background)
-                              .feature,
-                          nullptr);
+    Rasterizer<FeaturesOnly<Balanced>> rasterizer;
+    rasterizer.accuracy.dilation = dilation;
+    const Image<float> large = upsampler_forward(
+        backend, p.avatar.upsampler,
+        rasterizer.forward(backend, trace.gaussians, small, background).feature, nullptr);
     Image<float> out(camera.width, camera.height, 3);
     for (int y = 0; y < camera.height; ++y)
         for (int x = 0; x < camera.width; ++x) out.at(x, y) = large.at(x, y);
@@ -78,9 +78,11 @@ TEST_CASE("player: every picture is that of a whole render, bit for bit, at any 
                 const Image<float>& picture = player.draw(drivers, camera, background);
                 CHECK(picture.width == camera.width);
                 CHECK(picture.height == camera.height);
-                CHECK(picture.pixels == whole_picture(p, drivers, camera, background).pixels);
+                CHECK(picture.pixels ==
+                      whole_picture(p, drivers, camera, background, player.dilation()).pixels);
             };
             check();
+            CHECK(player.dilation() == 0.3);
             CHECK(player.work().gaussians == 78);
             drivers.gaze[0] = gaze_vector<float>(0.1F, -0.2F);
             check();
@@ -99,6 +101,8 @@ TEST_CASE("player: every picture is that of a whole render, bit for bit, at any 
             check();
             background[0] = 0;
             check();
+            camera = scaled(camera, 1.5);
+            check();
             // Moved without a picture, there and back: Gaussians as of a picture, and a whole one next.
             const Columns<float> mean = player.gaussians().mean;
             const Drivers<float> before = drivers;
@@ -111,6 +115,51 @@ TEST_CASE("player: every picture is that of a whole render, bit for bit, at any 
             player.drive(before, camera);
             check();
         }
+}
+
+TEST_CASE("player: Gaussians are as wide on the head in pictures of other sizes") {
+    const PlayableAvatar<float> p = tiny_playable({}, 0);
+    AvatarPlayer<XsimdBackend<>> player(XsimdBackend<>(), p);
+    const auto dilation = [&](const Drivers<float>& drivers, const Pinhole<float>& camera) {
+        player.draw(drivers, camera, p.background);
+        return player.dilation();
+    };
+    const Image<float> trained = player.draw(p.neutral, p.camera, p.background);
+    CHECK(player.dilation() == 0.3);
+    CHECK(dilation(p.neutral, scaled(p.camera, 2)) == doctest::Approx(1.2));
+    CHECK(dilation(p.neutral, scaled(p.camera, 0.5)) == doctest::Approx(0.075));
+    CHECK(dilation(p.neutral, scaled(p.camera, 1. / 16)) == 0.02);
+    // A camera that is half as far from the head's middle, and a head that is half as far.
+    const Columns<float>& points = p.avatar.face.position;
+    const HeadTransform<float> head = head_transform(p.neutral);
+    const Vec3<float> middle =
+        head.scale * (head.rotation * box_middle(points)) + head.translation;
+    const Vec3<float> at = p.camera.camera_from_world.apply(middle);
+    Pinhole<float> near = p.camera;
+    near.camera_from_world.translation[2] -= at[2] / 2;
+    CHECK(dilation(p.neutral, near) == doctest::Approx(1.2));
+    Drivers<float> moved = p.neutral;
+    moved.pose.tail<3>() -= p.camera.camera_from_world.turn_back(Vec3<float>(0, 0, at[2] / 2));
+    CHECK(dilation(moved, p.camera) == doctest::Approx(1.2));
+    moved = p.neutral;
+    moved.pose.tail<3>() -= p.camera.camera_from_world.turn_back(Vec3<float>(0, 0, 2 * at[2]));
+    CHECK(std::isfinite(dilation(moved, p.camera))); // behind the camera
+
+    // Half of a picture that is twice as large is the trained one but for the pixels' own width.
+    const Pinhole<float> large = scaled(p.camera, 2);
+    const auto beside = [&](double d) {
+        const Image<float> drawn = whole_picture(p, p.neutral, large, p.background, d);
+        double sum = 0;
+        for (int y = 0; y < trained.height; ++y)
+            for (int x = 0; x < trained.width; ++x) {
+                const auto mean = 0.25F * (drawn.at(2 * x, 2 * y) + drawn.at(2 * x + 1, 2 * y) +
+                                           drawn.at(2 * x, 2 * y + 1) +
+                                           drawn.at(2 * x + 1, 2 * y + 1));
+                sum += static_cast<double>((mean - trained.at(x, y)).squaredNorm());
+            }
+        return std::sqrt(sum);
+    };
+    CHECK(beside(1.2) < beside(0.3) / 2);
 }
 
 TEST_CASE(

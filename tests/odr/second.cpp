@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The unit without OpenMP; see first.cpp.
-#include <all_headers.hpp>
+// The unit without OpenMP, with the headers in the other order; see first.cpp.
+#include <all_headers_backwards.hpp>
 
 #ifdef _OPENMP
 #error "this unit must be built without OpenMP"

@@ -307,6 +307,7 @@ TEST_CASE("appearance: exported and read back, other programs draw the run's pic
         const auto check = [&] {
             const Image<float>& picture =
                 player.draw(frame.drivers, frame.camera, read.background);
+            frame.dilation = player.dilation();
             // Equal but for rounding, which super-resolution's norm enlarges.
             CHECK((picture.pixels - drawer.picture_by_all(frame).pixels).cwiseAbs().maxCoeff() <=
                   1e-4f);

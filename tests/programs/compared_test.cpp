@@ -88,7 +88,7 @@ AvatarSample<float> sample_of(const TrainState& painted, float pitch, float yaw)
     s.drivers = looking(painted, pitch, yaw);
     s.frame = -1;
     s.camera = reduced(camera(), 2);
-    s.truth_small = rgb_of(render_avatar(painted, s.drivers, camera(), true).eyes);
+    s.truth_small = rgb_of(render_avatar(painted, {s.drivers, camera()}, true).eyes);
     s.truth = Image<float>(96, 64, 3);
     s.truth.pixels.setConstant(0.5f);
     const Index pixels = s.truth_small.size();
@@ -178,12 +178,12 @@ TEST_CASE("a run by another gaze mechanism comes back from its checkpoint and dr
             back.compared->avatar, state.compared->avatar);
         const Drivers<float> d = looking(state, 0.2f, -0.3f);
         const TrainState drawn = drawn_state(state), drawn_back = drawn_state(back);
-        CHECK((render_avatar(drawn, d, camera()).high.pixels ==
-               render_avatar(drawn_back, d, camera()).high.pixels));
+        CHECK((render_avatar(drawn, {d, camera()}).high.pixels ==
+               render_avatar(drawn_back, {d, camera()}).high.pixels));
         // The gaze is seen in all but one.
         const Columns<float> other =
-            render_avatar(drawn, looking(state, 0, 0), camera()).high.pixels;
-        const bool same = render_avatar(drawn, d, camera()).high.pixels == other;
+            render_avatar(drawn, {looking(state, 0, 0), camera()}).high.pixels;
+        const bool same = render_avatar(drawn, {d, camera()}).high.pixels == other;
         CHECK(same == (m == Name::none || m == Name::learned_quaternion));
     }
 }

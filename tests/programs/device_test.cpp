@@ -235,16 +235,16 @@ TEST_CASE("device: a run is drawn on the CPU where that is asked for, and where 
     const TrainState run = drawn_state(tiny_state());
     const Drivers<float> drivers = test::tiny_drivers<float>();
     const Pinhole<float> camera = test::tiny_camera(63, 48).cast<float>();
-    const AvatarView whole = render_avatar(run, drivers, camera);
-    const PosedEyes eyes = posed_eyes(run, drivers, camera);
+    const AvatarView whole = render_avatar(run, {drivers, camera});
+    const PosedEyes eyes = posed_eyes(run, {drivers, camera});
     const AvatarDrawer plain(run), asked(run, DeviceWish::cpu);
     for (const AvatarDrawer* d : {&plain, &asked}) {
         CHECK(!d->on_device());
         CHECK(d->name() == "cpu");
         CHECK(d->words().empty());
         CHECK(!d->lpips());
-        CHECK(d->picture(drivers, camera).pixels == whole.high.pixels);
-        const ShownAvatar shown = d->shown(drivers, camera);
+        CHECK(d->picture({drivers, camera}).pixels == whole.high.pixels);
+        const ShownAvatar shown = d->shown({drivers, camera});
         CHECK(shown.picture.pixels == whole.high.pixels);
         CHECK(shown.eyes.area.pixels == eyes.area.pixels);
         CHECK(shown.eyes.centre == eyes.centre);

@@ -9,6 +9,7 @@
 
 #include "../support/file_bytes.hpp"
 #include "command_line.hpp"
+#include "commands/options.hpp"
 #include "data/picture.hpp"
 #include "data/run_frames.hpp"
 #include "tiny_scene.hpp"
@@ -156,6 +157,27 @@ TEST_CASE("redirect: labels of a picture, and of a video of a head that lives") 
     const std::string first = seeded("3");
     CHECK(seeded("3") == first);
     CHECK(seeded("4") != first);
+}
+
+TEST_CASE("redirect: Gaussians are as wide on the head by cameras of one's own") {
+    const DrawnScene scene;
+    const Capture capture = read_capture(scene.capture.folder);
+    const TrainState state = load_trained(scene.run);
+    const ShownView view = shown_view(scene.run, state, scene.capture.folder, "", "");
+    const Pinhole<float> usual = capture.camera(view.frame, view.camera).cast<float>();
+    const Drivers<float> drivers = frame_drivers(capture, view.frame, state.config.gaze_axis);
+    std::vector<DrawnFrame> frames{{drivers, usual}, {drivers, scaled(usual, 2)}};
+    take_size(scene.run, state, view, frames);
+    CHECK(frames[0].dilation == trained_dilation);
+    CHECK(frames[1].dilation == doctest::Approx(4 * trained_dilation));
+    const std::string size = std::to_string(usual.width) + "x" + std::to_string(usual.height);
+    CHECK(scene.draw({"--size", size}) == scene.draw({}));
+    // A capture of pictures of half the trained size.
+    save_frames(scene.run, capture);
+    Capture half = read_capture(scene.capture.folder);
+    half.height /= 2;
+    CHECK(dilation_of(scene.run, state, half) == doctest::Approx(trained_dilation / 4));
+    CHECK(dilation_of(scene.run, state, capture) == trained_dilation);
 }
 
 TEST_CASE("redirect: an older run is drawn by its capture, and asks for it when it is gone") {

@@ -331,7 +331,7 @@ TEST_CASE("run: two eyes that differ, through steps, a checkpoint, a resume and 
         CHECK(of(turned).minCoeff() > 0);
         CHECK(of(1 - turned).maxCoeff() == 0);
     }
-    CHECK(render_avatar(drawn, sample.drivers, test::tiny_camera(63, 47).cast<float>()).high.width ==
+    CHECK(render_avatar(drawn, {sample.drivers, test::tiny_camera(63, 47).cast<float>()}).high.width ==
           63);
 }
 

@@ -35,6 +35,7 @@ struct EvaluateOptions {
     std::filesystem::path run, capture, out, perceptual_weights;
     std::string split = "test", device = "auto";
     bool json = false, align_head = false;
+    double dilation = 0; ///< [px^2]; 0: not given
     int threads = 0;
 };
 
@@ -266,7 +267,8 @@ void evaluate(const EvaluateOptions& o) {
 
     const AvatarDrawer drawer(state, device_wish(o.device), o.perceptual_weights);
     if (!o.json && !drawer.words().empty()) std::printf("%s\n", drawer.words().c_str());
-    const Evaluation evaluation(drawer, capture, drawer.lpips());
+    const double dilation = o.dilation > 0 ? o.dilation : dilation_of(o.run, state, capture);
+    const Evaluation evaluation(drawer, capture, drawer.lpips(), dilation);
     std::vector<MeasuredView> views;
     for (const int f : frames) {
         const int frontal = camera_index(capture, "", f);
@@ -281,6 +283,7 @@ void evaluate(const EvaluateOptions& o) {
     const auto [all, groups, per_view] = results_of(capture, views, found);
     Json results = {{"split", o.split},         {"frames", frames.size()},
                     {"views", per_view.size()}, {"step", state.step},
+                    {"dilation", dilation},
                     {"device", drawer.name()},  {"missed_degrees", missed_degrees},
                     {"camera_gains", gains_json(capture)},
                     {"frame_exposures", exposures_json(capture)},
@@ -292,7 +295,7 @@ void evaluate(const EvaluateOptions& o) {
     results["eyeball_centres"] = centres.json();
     const KappaErrors kappa = kappa_errors(state, capture, frames);
     results["kappa"] = kappa.json();
-    const ClosedLids lids = closed_lids(drawer, capture, views);
+    const ClosedLids lids = closed_lids(drawer, capture, views, dilation);
     results["closed_lids"] = lids.json();
     const std::string each = per_view.dump(2) + "\n";
     write_atomic(out / "per_view.json", as_bytes(each));
@@ -334,6 +337,10 @@ void add_evaluate(CLI::App& app) {
     c->add_flag("--align-head", o->align_head,
                 "Draw in the head frame of the run: take out what all its head poses are off by, "
                 "by the landmarks of the measured frames");
+    c->add_option("--dilation", o->dilation,
+                  "Variance [px^2] that every Gaussian gets on the screen (default: as wide on the "
+                  "head as training had it, which is 0.3 in pictures of the trained size)")
+        ->check(from_to(1e-6, 1e6));
     c->add_option(
         "--perceptual-weights", o->perceptual_weights,
         "VGG16 + LPIPS weights for the LPIPS column, a safetensors file as for `rye train`");

@@ -8,6 +8,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include <rye/avatar/drawn_size.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/format.hpp>
 #include <rye/core/parse.hpp>
@@ -155,6 +156,23 @@ ShownView shown_view(const std::filesystem::path& run, const TrainState& state,
     }
     v.camera = camera_index(v.capture, camera, v.frame);
     return v;
+}
+
+double dilation_of(const std::filesystem::path& run, const TrainState& state,
+                   const Capture& capture) {
+    if (!has_own_frames(run)) return trained_dilation;
+    const int trained = load_frames(run, state.frames).height;
+    return resized_dilation(trained_dilation, static_cast<double>(capture.height) / trained);
+}
+
+void take_size(const std::filesystem::path& run, const TrainState& state, const ShownView& view,
+               std::vector<DrawnFrame>& frames) {
+    const double usual = dilation_of(run, state, view.capture);
+    const TrainedSize<float> size(
+        state.subject.head_centre.cast<float>(),
+        frame_drivers(view.capture, view.frame, state.config.gaze_axis),
+        view.capture.camera(view.frame, view.camera).cast<float>());
+    for (DrawnFrame& f : frames) f.dilation = size.dilation(usual, f.drivers, f.camera);
 }
 
 std::function<std::string(const std::string&)> out_check(std::vector<OutFormat> known) {

@@ -10,6 +10,7 @@
 #include <rye/core/error.hpp>
 
 #include "data/out_format.hpp"
+#include "drawing/shown.hpp"
 #include "model/run.hpp"
 
 namespace CLI {
@@ -98,6 +99,15 @@ struct ShownView {
 ShownView shown_view(const std::filesystem::path& run, const TrainState& state,
                      const std::filesystem::path& option, const std::string& frame,
                      const std::string& camera);
+
+/// Returns the dilation of pictures like a capture's [px^2]: as wide on the head as training had it
+/// if they are larger or smaller than the run's own.
+double dilation_of(const std::filesystem::path& run, const TrainState& state,
+                   const Capture& capture);
+/// Sets the dilations of frames by other cameras than the capture's, of which `view` is the head
+/// by its own, so that Gaussians are as wide on the head.
+void take_size(const std::filesystem::path& run, const TrainState& state, const ShownView& view,
+               std::vector<DrawnFrame>& frames);
 
 /// Returns a check of an --out: its name must ask for one of these formats (out_format.hpp).
 std::function<std::string(const std::string&)> out_check(std::vector<OutFormat> known);

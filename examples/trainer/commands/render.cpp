@@ -164,9 +164,10 @@ void render_run(const RenderOptions& o) {
     std::vector<DrawnFrame> frames{
         {frame_drivers(view.capture, view.frame, state.config.gaze_axis), camera.cast<float>()}};
     if (o.at.given()) aim_frames(o.at, state, frames);
+    take_size(o.ply, state, view, frames);
     const AvatarDrawer drawer(state, device_wish(o.device));
     if (!drawer.words().empty()) std::printf("%s\n", drawer.words().c_str());
-    const Image<float> image = drawer.picture(frames.front().drivers, frames.front().camera);
+    const Image<float> image = drawer.picture(frames.front());
     write_picture(o.out, image);
     std::printf("%s: the head of %s, frame %s, %d x %d pixels\n", o.out.c_str(), o.ply.c_str(),
                 view.capture.frames[static_cast<std::size_t>(view.frame)].id.c_str(), image.width,

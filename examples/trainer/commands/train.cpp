@@ -487,7 +487,7 @@ class Trainer {
             const int factor = 1 << state.config.gaussians.upsampler.doublings;
             const Pinhole<float> full = scaled(sample.camera, factor);
             const AvatarView v =
-                render_avatar(drawn_state(state), sample.drivers, full, true);
+                render_avatar(drawn_state(state), {sample.drivers, full}, true);
             const int width = sample.truth.width;
             return side_by_side({sample.truth, v.high, enlarged(rgb_of(v.final), width),
                                  enlarged(rgb_of(v.face), width),

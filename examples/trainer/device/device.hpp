@@ -98,6 +98,8 @@ class DeviceDrawer {
     /// that differs from the previous one in the gazes alone takes less time, and has the same
     /// bits.
     virtual void drive(const Drivers<float>& drivers, const Pinhole<float>& camera) = 0;
+    /// Draws with this dilation from now on [px^2].
+    virtual void set_dilation(double dilation) = 0;
     /// Returns the picture after super-resolution, on white; `camera` is that of the render.
     virtual Image<float> picture(const Pinhole<float>& camera) = 0;
     /// Returns each eye's share of the pixels' colours, two channels.

@@ -32,6 +32,7 @@ class DeviceDrawerOf final : public DeviceDrawer {
     void drive(const Drivers<float>& drivers, const Pinhole<float>& camera) override {
         drawer_.drive(queue_, seen_from(restricted<E>(drivers), camera));
     }
+    void set_dilation(double dilation) override { drawer_.set_dilation(dilation); }
     Image<float> picture(const Pinhole<float>& camera) override {
         return drawer_.picture(queue_, camera);
     }

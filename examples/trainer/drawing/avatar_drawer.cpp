@@ -13,6 +13,13 @@ struct AvatarDrawer::OnDevice {
     DeviceFacts facts;
     std::unique_ptr<DeviceDrawer> drawer;
     std::mutex mutex;
+
+    Image<float> picture(const TrainState& state, const DrawnFrame& frame) {
+        drawer->set_dilation(frame.dilation);
+        drawer->drive(frame.drivers, frame.camera);
+        const int factor = 1 << state.config.gaussians.upsampler.doublings;
+        return of_camera(drawer->picture(reduced(frame.camera, factor)), frame.camera);
+    }
 };
 
 namespace {
@@ -25,11 +32,6 @@ std::unique_ptr<DeviceDrawer> drawer_of(const TrainState& state,
     if (state.compared)
         return device_drawer<ComparedEffects>(state.compared->avatar, config, roles, lpips);
     return device_drawer<TrainEffects>(state.avatar, config, roles, lpips);
-}
-
-/// Returns the camera of a picture's render.
-Pinhole<float> of_render(const TrainState& state, const Pinhole<float>& camera) {
-    return reduced(camera, 1 << state.config.gaussians.upsampler.doublings);
 }
 
 } // namespace
@@ -73,22 +75,19 @@ AvatarDrawer::AvatarDrawer(const TrainState& state, DeviceWish wish,
 
 std::string AvatarDrawer::name() const { return device_ ? device_->facts.name : "cpu"; }
 
-Image<float> AvatarDrawer::picture(const Drivers<float>& drivers,
-                                   const Pinhole<float>& camera) const {
-    if (!device_) return render_avatar(*state_, drivers, camera).high;
+Image<float> AvatarDrawer::picture(const DrawnFrame& frame) const {
+    if (!device_) return render_avatar(*state_, frame).high;
     const std::lock_guard<std::mutex> lock(device_->mutex);
-    device_->drawer->drive(drivers, camera);
-    return of_camera(device_->drawer->picture(of_render(*state_, camera)), camera);
+    return device_->picture(*state_, frame);
 }
 
-ShownAvatar AvatarDrawer::shown(const Drivers<float>& drivers, const Pinhole<float>& camera) const {
-    if (!device_) return shown_avatar(*state_, drivers, camera);
+ShownAvatar AvatarDrawer::shown(const DrawnFrame& frame) const {
+    if (!device_) return shown_avatar(*state_, frame);
     ShownAvatar r;
-    r.eyes.centre = posed_centres(*state_, drivers);
+    r.eyes.centre = posed_centres(*state_, frame.drivers);
     const std::lock_guard<std::mutex> lock(device_->mutex);
-    device_->drawer->drive(drivers, camera);
-    r.picture = of_camera(device_->drawer->picture(of_render(*state_, camera)), camera);
-    r.eyes.area = device_->drawer->eyes(camera);
+    r.picture = device_->picture(*state_, frame);
+    r.eyes.area = device_->drawer->eyes(frame.camera);
     return r;
 }
 

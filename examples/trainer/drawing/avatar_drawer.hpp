@@ -32,10 +32,10 @@ class AvatarDrawer {
     /// itself; else empty.
     const std::string& words() const { return words_; }
 
-    /// Returns a picture like render_avatar's `high`; `camera` is of the full-size image.
-    Image<float> picture(const Drivers<float>& drivers, const Pinhole<float>& camera) const;
+    /// Returns a picture like render_avatar's `high`.
+    Image<float> picture(const DrawnFrame& frame) const;
     /// Returns a picture like shown_avatar's.
-    ShownAvatar shown(const Drivers<float>& drivers, const Pinhole<float>& camera) const;
+    ShownAvatar shown(const DrawnFrame& frame) const;
     /// Returns LPIPS on the drawer's side (device or CPU); empty without weights.
     const PictureDistance& lpips() const { return lpips_; }
 

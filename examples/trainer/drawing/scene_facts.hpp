@@ -6,16 +6,10 @@
 #include <vector>
 
 #include "drawing/scene_profile.hpp"
+#include "drawing/shown.hpp"
 #include "model/run.hpp"
 
 namespace rye::trainer {
-
-/// Picture to be drawn: its drivers, whose gazes are of the run's gaze_axis, and the camera of the
-/// full-size image.
-struct DrawnFrame {
-    Drivers<float> drivers;
-    Pinhole<float> camera;
-};
 
 /// Returns the facts about drivers for an avatar held at the first frame: eyes that look the same
 /// in all frames need not turn. Gazes are optical axes. An eye counts as seen if its centre lies in

@@ -45,15 +45,14 @@ TwoStreamGaussians<float> driven(const TrainState& state, const Drivers<float>& 
 
 } // namespace
 
-AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
-                         const Pinhole<float>& camera, bool streams) {
+AvatarView render_avatar(const TrainState& state, const DrawnFrame& frame, bool streams) {
     const TrainConfig& config = state.config;
     const int factor = 1 << config.gaussians.upsampler.doublings;
-    const Pinhole<float> small = reduced(camera, factor);
-    const TwoStreamGaussians<float> trace = driven(state, drivers, small);
+    const Pinhole<float> small = reduced(frame.camera, factor);
+    const TwoStreamGaussians<float> trace = driven(state, frame.drivers, small);
     require_drawable(trace.gaussians);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
-    const TrainRasterizer rasterizer = train_rasterizer();
+    const TrainRasterizer rasterizer = train_rasterizer(frame.dilation);
     AvatarView v;
     v.final = rasterizer.forward(train_backend(), trace.gaussians, small, white).feature;
     if (streams) {
@@ -61,21 +60,20 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
         v.eyes = rasterizer.forward(train_backend(), trace.eye_gaussians(), small, white).feature;
     }
     v.high = of_camera(upsampler_forward(train_backend(), state.avatar.upsampler, v.final, nullptr),
-                       camera);
+                       frame.camera);
     return v;
 }
 
 Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
-                        const Pinhole<float>& camera) {
+                        const Pinhole<float>& camera, double dilation) {
     const TrainConfig& config = state.config;
     const Pinhole<float> small = reduced(camera, 1 << config.gaussians.upsampler.doublings);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
     require_drawable(driven);
-    return of_camera(
-        upsampler_forward(train_backend(), state.avatar.upsampler,
-                          train_rasterizer().forward(train_backend(), driven, small, white).feature,
-                          nullptr),
-        camera);
+    const Image<float> render =
+        train_rasterizer(dilation).forward(train_backend(), driven, small, white).feature;
+    return of_camera(upsampler_forward(train_backend(), state.avatar.upsampler, render, nullptr),
+                     camera);
 }
 
 std::array<Vec3<double>, 2> posed_centres(const TrainState& state, const Drivers<float>& drivers) {
@@ -99,7 +97,7 @@ namespace {
 
 /// Returns the area of PosedEyes for driven Gaussians, whose features are overwritten.
 Image<float> eyes_area(const TrainState& state, TwoStreamGaussians<float>& shown,
-                       const Pinhole<float>& camera) {
+                       const DrawnFrame& frame) {
     const Avatar& avatar = state.avatar;
     Gaussians<float>& both = shown.gaussians;
     both.feature = Columns<float>::Zero(2, both.count());
@@ -108,23 +106,23 @@ Image<float> eyes_area(const TrainState& state, TwoStreamGaussians<float>& shown
             .segment(shown.face_count + avatar.eyes.first_point(e), avatar.eyes.points_of(e))
             .setOnes();
     const VecX<float> nothing = VecX<float>::Zero(2);
-    return train_rasterizer().forward(train_backend(), both, camera, nothing).feature;
+    return train_rasterizer(frame.dilation)
+        .forward(train_backend(), both, frame.camera, nothing)
+        .feature;
 }
 
 } // namespace
 
-PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
-                     const Pinhole<float>& camera) {
-    TwoStreamGaussians<float> shown = driven(state, drivers, camera);
-    return {posed_centres(state, drivers), eyes_area(state, shown, camera)};
+PosedEyes posed_eyes(const TrainState& state, const DrawnFrame& frame) {
+    TwoStreamGaussians<float> shown = driven(state, frame.drivers, frame.camera);
+    return {posed_centres(state, frame.drivers), eyes_area(state, shown, frame)};
 }
 
-ShownAvatar shown_avatar(const TrainState& state, const Drivers<float>& drivers,
-                         const Pinhole<float>& camera) {
-    TwoStreamGaussians<float> shown = driven(state, drivers, camera);
+ShownAvatar shown_avatar(const TrainState& state, const DrawnFrame& frame) {
+    TwoStreamGaussians<float> shown = driven(state, frame.drivers, frame.camera);
     ShownAvatar r;
-    r.picture = picture_of(state, shown.gaussians, camera);
-    r.eyes = {posed_centres(state, drivers), eyes_area(state, shown, camera)};
+    r.picture = picture_of(state, shown.gaussians, frame.camera, frame.dilation);
+    r.eyes = {posed_centres(state, frame.drivers), eyes_area(state, shown, frame)};
     return r;
 }
 

@@ -10,20 +10,26 @@
 
 namespace rye::trainer {
 
+/// Picture to be drawn: its drivers, whose gazes are of the run's gaze_axis, the camera of the
+/// full-size image, and the dilation of its render [px^2].
+struct DrawnFrame {
+    Drivers<float> drivers;
+    Pinhole<float> camera;
+    double dilation = trained_dilation;
+};
+
 /// Pictures of an avatar: the feature renders, and the image after super-resolution on white.
 struct AvatarView {
     Image<float> final, face, eyes; ///< the last two if streams were asked for
     Image<float> high;              ///< RGB
 };
 
-/// Returns the pictures; `camera` is of the full-size image. Here and below the state is a drawn
-/// one (model/run.hpp).
-AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
-                         const Pinhole<float>& camera, bool streams = false);
+/// Returns the pictures. Here and below the state is a drawn one (model/run.hpp).
+AvatarView render_avatar(const TrainState& state, const DrawnFrame& frame, bool streams = false);
 
 /// Returns the RGB image of driven Gaussians after super-resolution, on white, as render_avatar's.
 Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
-                        const Pinhole<float>& camera);
+                        const Pinhole<float>& camera, double dilation);
 
 /// Eyeballs as an avatar's own rig places and shows them.
 struct PosedEyes {
@@ -32,8 +38,7 @@ struct PosedEyes {
     /// channel e; of the camera's size.
     Image<float> area;
 };
-PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
-                     const Pinhole<float>& camera);
+PosedEyes posed_eyes(const TrainState& state, const DrawnFrame& frame);
 /// Returns the centres alone, world units.
 std::array<Vec3<double>, 2> posed_centres(const TrainState& state, const Drivers<float>& drivers);
 
@@ -42,8 +47,7 @@ struct ShownAvatar {
     Image<float> picture;
     PosedEyes eyes;
 };
-ShownAvatar shown_avatar(const TrainState& state, const Drivers<float>& drivers,
-                         const Pinhole<float>& camera);
+ShownAvatar shown_avatar(const TrainState& state, const DrawnFrame& frame);
 
 /// Returns a picture of whole blocks of super-resolution, cropped to the camera's size.
 Image<float> of_camera(Image<float> picture, const Pinhole<float>& camera);

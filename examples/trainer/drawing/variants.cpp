@@ -120,12 +120,13 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
 }
 
 Image<float> FrameDrawer::picture(const DrawnFrame& frame) const {
-    if (on_device_) return on_device_->picture(frame.drivers, frame.camera);
-    return picture_of(*state_, driver_(seen(frame)), frame.camera);
+    if (on_device_) return on_device_->picture(frame);
+    return picture_of(*state_, driver_(seen(frame)), frame.camera, frame.dilation);
 }
 
 Image<float> FrameDrawer::picture_by_all(const DrawnFrame& frame) const {
-    return picture_of(*state_, driven_gaussians(*state_, seen(frame)), frame.camera);
+    return picture_of(*state_, driven_gaussians(*state_, seen(frame)), frame.camera,
+                      frame.dilation);
 }
 
 } // namespace rye::trainer

@@ -21,7 +21,7 @@ nlohmann::ordered_json ClosedLids::json() const {
 }
 
 ClosedLids closed_lids(const AvatarDrawer& drawer, const Capture& capture,
-                       const std::vector<MeasuredView>& views) {
+                       const std::vector<MeasuredView>& views, double dilation) {
     ClosedLids found;
     const auto count = static_cast<Index>(capture.expression_names.size());
     const std::vector<LidCoefficient<float>> lids =
@@ -35,7 +35,8 @@ ClosedLids closed_lids(const AvatarDrawer& drawer, const Capture& capture,
         Drivers<float> drivers = frame_drivers(capture, v.frame, drawer.state().config.gaze_axis);
         const auto seen = [&](float weight) {
             for (const auto& lid : lids) drivers.expression[lid.index] = weight;
-            return static_cast<double>(drawer.shown(drivers, camera).eyes.area.pixels.sum());
+            return static_cast<double>(
+                drawer.shown({drivers, camera, dilation}).eyes.area.pixels.sum());
         };
         found.open += seen(0.0f);
         found.closed += seen(1.0f);

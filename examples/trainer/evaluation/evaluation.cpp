@@ -234,7 +234,7 @@ EyesOfView Evaluation::eyes_of(const Drivers<float>& drivers, PosedEyes posed) c
 
 EyesOfView Evaluation::own_eyes(const Drivers<float>& drivers,
                                 const Pinhole<double>& camera) const {
-    return eyes_of(drivers, posed_eyes(state_, drivers, camera.cast<float>()));
+    return eyes_of(drivers, posed_eyes(state_, {drivers, camera.cast<float>(), dilation_}));
 }
 
 /// Picture of the avatar, and its own eyes for the estimator.
@@ -263,7 +263,7 @@ Evaluation::Renders Evaluation::renders(const MeasuredView& v) const {
         at_nearest.gaze[e] = nearest_training_gaze(drivers.gaze[e], e);
     }
     const auto render = [&](const Drivers<float>& d) {
-        ShownAvatar shown = drawer_.shown(d, camera);
+        ShownAvatar shown = drawer_.shown({d, camera, dilation_});
         return Render{std::move(shown.picture), eyes_of(d, std::move(shown.eyes))};
     };
     return {render(drivers), render(at_rest), render(at_nearest)};

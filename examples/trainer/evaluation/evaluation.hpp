@@ -109,12 +109,15 @@ struct MeasuredView {
 /// Evaluation of views of a drawn run (run.hpp). The state and the capture must outlive it.
 class Evaluation {
   public:
-    /// `lpips` returns LPIPS of two pictures; if it is empty, none is measured.
-    Evaluation(AvatarDrawer drawer, const Capture& capture, PictureDistance lpips = {})
+    /// `lpips` returns LPIPS of two pictures; if it is empty, none is measured. `dilation`: of the
+    /// capture's pictures [px^2].
+    Evaluation(AvatarDrawer drawer, const Capture& capture, PictureDistance lpips = {},
+               double dilation = trained_dilation)
         : drawer_(std::move(drawer)),
           state_(drawer_.state()),
           capture_(capture),
-          lpips_(std::move(lpips)) {}
+          lpips_(std::move(lpips)),
+          dilation_(dilation) {}
 
     /// Receiver of a view's photograph, render, and render with the gaze at rest, by the view's
     /// index.
@@ -150,6 +153,7 @@ class Evaluation {
     const TrainState& state_;
     const Capture& capture_;
     PictureDistance lpips_;
+    double dilation_;
 };
 
 } // namespace rye::trainer

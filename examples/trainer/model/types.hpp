@@ -21,10 +21,14 @@ using TrainEyeball = BasicEyeballShape<MeshEffects>;
 /// Returns the backend on the program's threads.
 inline TrainBackend train_backend() { return {program_threads()}; }
 
+/// Dilation of trainings, and of pictures where the head is as large as in theirs [px^2].
+inline constexpr double trained_dilation = Balanced{}.dilation;
+
 /// Returns the rasterizer of trainings and pictures of runs, whose lists take at most
 /// memory_limit().
-inline TrainRasterizer train_rasterizer() {
+inline TrainRasterizer train_rasterizer(double dilation = trained_dilation) {
     TrainRasterizer rasterizer;
+    rasterizer.accuracy.dilation = dilation;
     rasterizer.accuracy.max_memory = memory_limit();
     return rasterizer;
 }

@@ -55,10 +55,12 @@ std::vector<double> list_of(const T& values) {
 /// A head: of an .avatar file, or of a run, whose state also draws other variants and on a device.
 class ViewedHead : public ViewedScene {
   public:
-    explicit ViewedHead(PlayableAvatar<float> playable) : playable_(std::move(playable)) {}
-    ViewedHead(PlayableAvatar<float> playable, TrainState state, DeviceWish wish)
+    explicit ViewedHead(PlayableAvatar<float> playable)
         : playable_(std::move(playable)),
-          state_(std::move(state)) {
+          size_(box_middle(playable_.avatar.face.position), playable_.neutral, playable_.camera) {}
+    ViewedHead(PlayableAvatar<float> playable, TrainState state, DeviceWish wish)
+        : ViewedHead(std::move(playable)) {
+        state_ = std::move(state);
         AvatarDrawer drawer(*state_, wish);
         if (!drawer.on_device()) return;
         device_.emplace(drawer);
@@ -130,7 +132,8 @@ class ViewedHead : public ViewedScene {
         const std::string who = "rye view";
         check_drivers(who, playable_.config, wish.drivers);
         check_camera(who, wish.camera);
-        const DrawnFrame frame{wish.drivers, wish.camera};
+        const DrawnFrame frame{wish.drivers, wish.camera,
+                               size_.dilation(trained_dilation, wish.drivers, wish.camera)};
         if (!wish.effects.empty()) {
             if (!variant_ || wish.effects != effects_) {
                 require(state_.has_value(), "effects", "got ", wish.effects,
@@ -181,6 +184,7 @@ class ViewedHead : public ViewedScene {
     static constexpr double longest_life = 3600;
 
     PlayableAvatar<float> playable_;
+    TrainedSize<float> size_;
     std::optional<IdleEyes> idle_;
     std::optional<TrainState> state_;
     std::optional<FrameDrawer> device_, variant_;

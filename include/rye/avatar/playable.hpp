@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include <rye/avatar/drawn_size.hpp>
 #include <rye/avatar/trained.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/format.hpp>
@@ -41,7 +42,9 @@ struct PlayableAvatar {
     /// optical ones.
     Drivers<T> neutral;
     DriverRanges<T> ranges;
-    Pinhole<T> camera;  ///< of the picture after super-resolution
+    /// Of the picture after super-resolution. The head at `neutral` in it is as large as in the
+    /// pictures of training.
+    Pinhole<T> camera;
     VecX<T> background; ///< feature of what is behind the head, C
 
     /// Returns true if gazes are visual axes, of which kappa makes optical ones.
@@ -61,7 +64,7 @@ HeadPlace<T> head_place(const PlayableAvatar<T>& p) {
     const Drivers<T>& d = p.neutral;
     const Columns<T>& x = p.avatar.face.position;
     const Mat3<T> r = so3_exp(Vec3<T>(d.pose.template head<3>()));
-    const Vec3<T> middle = T(0.5) * (x.rowwise().minCoeff() + x.rowwise().maxCoeff());
+    const Vec3<T> middle = box_middle(x);
     std::vector<T> apart;
     for (Index i = 0; i < x.cols(); ++i) apart.push_back((x.col(i) - middle).norm());
     const auto tenth = apart.begin() + static_cast<std::ptrdiff_t>(apart.size() * 9 / 10);

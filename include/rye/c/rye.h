@@ -265,6 +265,9 @@ RYE_API rye_status rye_avatar_gaussians(const rye_avatar* avatar, rye_cloud* clo
  * the eyes are seen from. */
 RYE_API rye_status rye_avatar_drive(rye_avatar* avatar, const rye_drivers* drivers,
                                     const rye_camera* camera);
+/* The dilation of the last picture or of the last rye_avatar_drive [px^2], in `dilation`: it grows
+ * with the head's size in the picture, so that Gaussians stay as wide on the head as in training. */
+RYE_API rye_status rye_avatar_dilation(const rye_avatar* avatar, float* dilation);
 RYE_API rye_status rye_avatar_upsampler(const rye_avatar* avatar, rye_upsampler* upsampler);
 
 #ifdef __cplusplus

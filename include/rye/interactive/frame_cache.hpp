@@ -10,7 +10,7 @@
 ///                                          tiles of their old and new places (or whole)
 ///     expression, pose    influenced       the same, or all if many moved    the same
 ///     background          none             blending                          whole
-///     camera              highlights       whole                             whole
+///     camera, dilation    highlights       whole                             whole
 ///
 /// Every image equals that of drive(), Rasterizer::forward and upsampler_forward, bit for bit.
 /// Memory: see bytes().
@@ -55,6 +55,9 @@ class FrameCache {
         drive_.reset();
         shown_.reset();
     }
+
+    /// Renders with this dilation from now on [px^2].
+    void set_dilation(double dilation) { redraw_.set_dilation(dilation); }
 
     /// Moves the Gaussians as the camera sees them, and renders nothing; the next update renders
     /// all.

@@ -2,7 +2,8 @@
 /// rye/interactive/player.hpp: successive pictures of a playable avatar, of which only the parts
 /// that differ from the previous picture are computed (interactive/frame_cache.hpp). Pictures have
 /// three channels in 0..1, sRGB as trained, at the size of the camera; they equal those of drive(),
-/// Rasterizer::forward and upsampler_forward bit for bit.
+/// Rasterizer::forward and upsampler_forward bit for bit, with the dilation that keeps Gaussians as
+/// wide on the head as in training (avatar/drawn_size.hpp).
 /// Memory: that of the frame cache.
 #pragma once
 
@@ -29,6 +30,7 @@ class AvatarPlayer {
   public:
     AvatarPlayer(const B& backend, const PlayableAvatar<T>& playable)
         : playable_(&playable),
+          size_(box_middle(playable.avatar.face.position), playable.neutral, playable.camera),
           cache_(backend, playable.avatar, playable.config, playable.roles) {}
     AvatarPlayer(const B&, const PlayableAvatar<T>&&) = delete; // it would not outlive the player
 
@@ -44,6 +46,7 @@ class AvatarPlayer {
         require(background.size() == playable_->config.channels, who, "'background': got ",
                 background.size(), " channels, expected ", playable_->config.channels);
         detail::require_all_finite(who, "background", background);
+        take_size(drivers, camera);
         const int factor = 1 << playable_->avatar.upsampler.shape.doublings;
         cache_.update(restricted<TrainedEffects>(drivers), render_camera(camera, factor),
                       background);
@@ -67,6 +70,7 @@ class AvatarPlayer {
         const std::string who = "AvatarPlayer";
         check_drivers(who, playable_->config, drivers);
         check_camera(who, camera);
+        take_size(drivers, camera);
         cache_.move(restricted<TrainedEffects>(drivers), camera);
         check_drawn(who);
         work_ = {static_cast<Index>(cache_.drive().changed().size()),
@@ -75,6 +79,8 @@ class AvatarPlayer {
     }
 
     const PlayedWork& work() const { return work_; }
+    /// Returns the dilation of the last picture or drive [px^2].
+    double dilation() const { return dilation_; }
     /// Returns the Gaussians of the last picture or drive, in the world, the face's first.
     const Gaussians<T>& gaussians() const { return cache_.drive().gaussians(); }
     const PlayableAvatar<T>& playable() const { return *playable_; }
@@ -82,6 +88,10 @@ class AvatarPlayer {
     std::size_t bytes() const { return cache_.bytes(); }
 
   private:
+    void take_size(const Drivers<T>& drivers, const Pinhole<T>& camera) {
+        dilation_ = size_.dilation(A{}.dilation, drivers, camera);
+        cache_.set_dilation(dilation_);
+    }
     /// Throws an Error if a drawn number is not finite: it draws nothing, or anything.
     void check_drawn(const std::string& who) {
         const Gaussians<T>& g = cache_.drive().gaussians();
@@ -97,6 +107,8 @@ class AvatarPlayer {
     }
 
     const PlayableAvatar<T>* playable_;
+    TrainedSize<T> size_;
+    double dilation_ = A{}.dilation;
     FrameCache<B, A, T, TrainedEffects> cache_;
     PlayedWork work_;
     Image<T> cropped_;

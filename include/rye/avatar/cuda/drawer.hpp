@@ -84,6 +84,8 @@ class DeviceAvatarDrawer {
     }
     /// The avatar, whose cloud is the driven one.
     const DeviceTwoStream<E, Device, typename Policy::Networks>& avatar() const { return avatar_; }
+    /// Draws with this dilation from now on [px^2].
+    void set_dilation(double dilation) { rasterizer_.accuracy.dilation = dilation; }
     /// Side of the picture over that of the render.
     int factor() const { return 1 << upsampler_.shape().doublings; }
 
