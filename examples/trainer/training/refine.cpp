@@ -6,6 +6,7 @@
 #include <functional>
 #include <optional>
 
+#include <rye/avatar/drawn_size.hpp>
 #include <rye/avatar/hold.hpp>
 #include <rye/train/host_label_drawing.hpp>
 
@@ -224,10 +225,10 @@ RefinedCapture refine_capture(const PlayableAvatar<float>& avatar, GazeAxis axis
     const int side = std::max(capture.width, capture.height);
     const int trained = 1 << avatar.avatar.upsampler.shape.doublings;
     r.block = std::max(trained, (side + options.size - 1) / options.size);
-    // Gaussians as wide on the head as training saw them: with a whole dilation smaller pictures
-    // have wider edges, which heads and gazes are turned to make up for.
-    const double share = static_cast<double>(trained) / r.block;
-    const double dilation = share * share * Balanced{}.dilation;
+    // With a whole dilation smaller pictures have wider edges, which heads and gazes are turned to
+    // make up for.
+    const double dilation =
+        resized_dilation(trained_dilation, static_cast<double>(trained) / r.block);
     if (options.device != nullptr) {
         options.device->set_dilation(dilation);
         refine_frames(r, *options.device, {axis, capture, frames, options, told});
