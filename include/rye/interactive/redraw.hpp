@@ -46,7 +46,7 @@ class Redraw {
     /// Returns true if there is an image to update.
     bool drawn() const { return drawn_; }
 
-    /// Draws with this dilation from now on [px^2]; after another one the image is to be drawn anew.
+    /// Draws with this dilation from now on [px^2]; after another the image is to be drawn anew.
     void set_dilation(double dilation) {
         drawn_ = drawn_ && dilation == rasterizer_.accuracy.dilation;
         rasterizer_.accuracy.dilation = dilation;
