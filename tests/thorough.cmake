@@ -277,9 +277,11 @@ if(RYE_PYTHON)
                   ERROR_QUIET)
 endif()
 foreach(name networks lpips)
-  if(no_torch EQUAL 0)
+  if(no_torch EQUAL 0 OR RYE_TESTS STREQUAL release)
     add_executable(parity_${name} parity/${name}.cpp)
     target_link_libraries(parity_${name} PRIVATE rye_test_flags)
+  endif()
+  if(no_torch EQUAL 0)
     add_test(NAME parity_${name}
              COMMAND ${RYE_PYTHON} ${CMAKE_CURRENT_SOURCE_DIR}/parity/${name}_torch.py
                      $<TARGET_FILE:parity_${name}> ${PROJECT_SOURCE_DIR}/cmake)

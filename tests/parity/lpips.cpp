@@ -20,7 +20,7 @@ int main(int argc, char** argv) {
             return i;
         };
         const LpipsVgg<double> lpips{read_lpips_weights<double>(argv[1])};
-        const LossGradient<double> loss = lpips(image("a"), image("b"));
+        const LossGradient<double> loss = lpips(ScalarBackend{}, image("a"), image("b"));
         const Columns<double> value = Columns<double>::Constant(1, 1, loss.value);
         write_safetensors(argv[5],
                           {tensor_entry("value", value), tensor_entry("gradient", loss.gradient)});
