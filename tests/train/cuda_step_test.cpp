@@ -131,10 +131,3 @@ TEST_CASE("cuda, emulated: training steps make room for lists") {
 TEST_CASE("cuda, emulated: what training steps refuse") {
     steps_refused<Fine>(EmulatedDevice{}, host_queue);
 }
-TEST_CASE("cuda, emulated: training steps of a gaze mechanism with generated features") {
-    using Wide =
-        DeviceTrainerPolicy<DeviceNetworks<3, 128, 64, 32>, KernelChannels<3, 8>, Balanced, 3>;
-    using E = More<AllEffects, GazeBy<LearnedQuaternion>, EyesBy<RotatedFeatures>>;
-    // An eye's turn sums the cotangents of all of its points, in float.
-    steps_against_host<Wide, E>(EmulatedDevice{}, host_queue, {.gradient = 3e-5});
-}
