@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# programs.sh FLAGS_FILE [benchmarks]: compiles the programs for a device, unoptimised, where nvcc is:
-# tests and lesson, and benchmarks if asked to. So a change that breaks one is seen where there is no device.
+# programs.sh FLAGS_FILE [all]: compiles programs for a device, unoptimised, where nvcc is: the test of
+# training steps, which includes most headers, and the lesson; or all tests and benchmarks too. So a
+# change that breaks one is seen where there is no device.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 root=$here/../..
@@ -11,10 +12,10 @@ includes="-isystem /usr/include/eigen3 $(sed -n 's/^-isystem/-isystem /p' "$1" |
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 bad=0
-benchmarks=
-if [ "${2:-}" = benchmarks ]; then benchmarks=$(echo "$root"/benchmarks/cuda/*.cu); fi
+programs=$here/steps_device.cu
+if [ "${2:-}" = all ]; then programs=$(echo "$here"/*_device.cu "$root"/benchmarks/cuda/*.cu); fi
 # shellcheck disable=SC2086 # a list of files, whose names hold no spaces
-for source in "$here"/*_device.cu "$root"/examples/*.cu $benchmarks; do
+for source in $programs "$root"/examples/*.cu; do
     quiet=20012,20015
     case ${source##*/} in # Eigen's Cholesky, which runs on the host
     labels_device.cu | refine.cu) quiet=$quiet,20014 ;;
