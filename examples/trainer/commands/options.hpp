@@ -104,8 +104,8 @@ ShownView shown_view(const std::filesystem::path& run, const TrainState& state,
 /// if they are larger or smaller than the run's own.
 double dilation_of(const std::filesystem::path& run, const TrainState& state,
                    const Capture& capture);
-/// Sets the dilations of frames by other cameras than the capture's, of which `view` is the head
-/// by its own, so that Gaussians are as wide on the head.
+/// Sets the dilations of frames by cameras of one's own, so that Gaussians are as wide on the head
+/// as in `view`, the head by a camera of the capture.
 void take_size(const std::filesystem::path& run, const TrainState& state, const ShownView& view,
                std::vector<DrawnFrame>& frames);
 

@@ -196,10 +196,12 @@ Shot shot_of(const RedirectOptions& o, const TrainState& state, std::ostream& sa
                                   std::move(shot.frames), say);
     else if (o.at.given())
         aim_frames(o.at, state, shot.frames);
-    if (o.own.given() || !o.own.size.empty())
+    if (o.own.given() || !o.own.size.empty()) {
         take_size(o.run, state, view, shot.frames);
-    else
-        for (DrawnFrame& f : shot.frames) f.dilation = dilation_of(o.run, state, capture);
+    } else {
+        const double dilation = dilation_of(o.run, state, capture);
+        for (DrawnFrame& f : shot.frames) f.dilation = dilation;
+    }
     if (o.compare)
         shot.photograph = on_background(capture.image(view.frame, view.camera),
                                         capture.mask(view.frame, view.camera), 1.0f);

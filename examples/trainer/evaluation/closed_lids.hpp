@@ -26,8 +26,9 @@ struct ClosedLids {
     nlohmann::ordered_json json() const;
 };
 
-/// Draws the views of which pictures are wanted, with this dilation and all coefficients that close lids, by their
-/// names, at 0 and at 1. Measures nothing where the capture's coefficients have no such names.
+/// Draws the views of which pictures are wanted, with this dilation [px^2] and all coefficients that
+/// close lids, by their names, at 0 and at 1. Measures nothing where the capture's coefficients have
+/// no such names.
 ClosedLids closed_lids(const AvatarDrawer& drawer, const Capture& capture,
                        const std::vector<MeasuredView>& views,
                        double dilation = trained_dilation);
