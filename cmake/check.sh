@@ -1,11 +1,10 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # check.sh [--all | --release]: builds with rye's warnings as errors, and tests. Without an option
-# what a change must pass while one works on it, in twenty minutes on two processors; with
-# --all every test but a few that take long, and some other compilers and systems; with --release
-# also those, and what takes hours: all processors, compilers and systems, numerical variants and
-# sanitizers, README's first command and a release on bare systems. Ends with a list of what was
-# not run, and why.
+# what a change must pass while one works on it, in twenty minutes on two processors; with --all
+# most tests, and some other compilers and systems; with --release all of them, and what takes
+# hours: all processors, compilers and systems, numerical variants and sanitizers, README's first
+# command and a release on bare systems. Ends with a list of what was not run, and why.
 set -eu
 cd "$(dirname "$0")/.."
 . cmake/steps.sh
