@@ -245,7 +245,7 @@ other_versions() { # TARGET SUITE
 }
 target_debian13() {
     other_versions debian13 trixie
-    run debian13 "every unit" in_bare trixie "" g++ all -DRYE_MERGE_UNITS=ON \
+    run debian13 "every unit" in_bare trixie "" g++ all -DRYE_MERGE_UNITS=ON -DRYE_TESTS=release \
         -DRYE_BENCHMARK_OPTIMISATION=-O0
 }
 target_compilers() {
