@@ -33,11 +33,16 @@ const frames = [
     { what: "another background", parts: "{ background: behind }", size: [128, 128] },
 ];
 
+/// A frame as rye_draw has it: with training's dilation at any size.
+const ofHeaders = "const ofHeaders = (...of) => {" +
+    " const f = frame(...of); f.rules.dilation = 0.3; return f; };";
+
 /// Run in the worker: draws a frame by WebGPU twice, and by the headers: [dB] between the pictures, at
 /// each preset [dB] between the features, whether both draws are the same bytes. Presets leave out a
 /// Gaussian of an opacity below 1 / 255 at a pixel, which two roundings of it may lie on either side
 /// of: numbers of features, up to about 2, that are apart by more than 1e-4 are counted by themselves.
 const compare = ({ parts, size: [width, height] }) => `(async () => {
+    ${ofHeaders}
     const { low, high, pose, seen, behind } = self.scene;
     const parts = ${parts}, { idle = -1 } = parts, db = (a, b, peak) => {
         let sum = 0;
@@ -48,7 +53,7 @@ const compare = ({ parts, size: [width, height] }) => `(async () => {
     const again = await draw({ idle, width: ${width}, height: ${height} });
     const lists = [], cut = { share: 0, most: 0 };
     for (const accuracy of [0, 1, 2]) {
-        const got = await drawing.features(frame(${width}, ${height}, accuracy));
+        const got = await drawing.features(ofHeaders(${width}, ${height}, accuracy));
         const at = rye._page_features(accuracy);
         if (at === 0) throw new Error("the headers drew no features");
         const wanted = here(at, got.length).slice();
@@ -76,6 +81,7 @@ const compare = ({ parts, size: [width, height] }) => `(async () => {
 /// avatar's Gaussians are: equal depths, opacities of 1, 0 and nearly 0, needles, points, a quaternion of
 /// 0, what is beside the picture, behind the camera, or nearer than its near plane.
 const hardCases = `(async () => {
+    ${ofHeaders}
     const [width, height] = [112, 80], few = 1500;
     check(rye._page_size(width, height));
     check(rye._page_drive(-1, 0.5));
@@ -103,7 +109,7 @@ const hardCases = `(async () => {
     }
     const all = [];
     for (const accuracy of [0, 1, 2]) {
-        const wanted = frame(width, height, accuracy), at = rye._page_features(accuracy);
+        const wanted = ofHeaders(width, height, accuracy), at = rye._page_features(accuracy);
         delete wanted.cloud.moves;  // it was changed by hand
         const got = await drawing.features(wanted);
         let sum = 0;
