@@ -155,7 +155,7 @@ TEST_CASE("player: Gaussians are as wide on the head in pictures of other sizes"
         double sum = 0;
         for (int y = 0; y < trained.height; ++y)
             for (int x = 0; x < trained.width; ++x) {
-                const auto mean = 0.25F * (drawn.at(2 * x, 2 * y) + drawn.at(2 * x + 1, 2 * y) +
+                const VecX<float> mean = 0.25F * (drawn.at(2 * x, 2 * y) + drawn.at(2 * x + 1, 2 * y) +
                                            drawn.at(2 * x, 2 * y + 1) +
                                            drawn.at(2 * x + 1, 2 * y + 1));
                 sum += static_cast<double>((mean - trained.at(x, y)).squaredNorm());
