@@ -441,3 +441,34 @@ TEST_CASE("rasterize_mesh: threads change no bit") {
     CHECK(g.vertices == h.vertices);
     CHECK(g.attributes == h.attributes);
 }
+
+TEST_CASE("rasterize_mesh_into: what an image had before, of any size or settings, leaves nothing") {
+    const TriangleMesh<float> small = cast<float>(ball(0.3)), fine = cast<float>(ball(0.15));
+    const auto colours = [](const TriangleMesh<float>& m, Index channels) {
+        return random_columns<float>(channels, m.vertices.cols(), 4);
+    };
+    const auto of = [&](const TriangleMesh<float>& m, const Pinhole<float>& camera, Index channels,
+                        const MeshRasterSettings& settings, MeshRaster<float>& out) {
+        const Columns<float> a = colours(m, channels);
+        rasterize_mesh_into<float>(Plain{}, {m.vertices, m.faces, a}, camera, settings, out);
+        const Columns<float> ws = random_columns<float>(1, out.mask.size(), 5);
+        return rasterize_mesh_vjp<float>(Plain{}, out, {m.vertices, m.faces, a}, camera,
+                                         {nullptr, &ws});
+    };
+    MeshRasterSettings hard;
+    hard.silhouette.max_faces = 0;
+    MeshRaster<float> used, fresh;
+    of(fine, askew<float>(96, 90), 5, {}, used);
+    const MeshRasterGradient<float> without = of(fine, askew<float>(96, 90), 5, hard, used);
+    CHECK(without.vertices.isZero(0));
+    const MeshRasterGradient<float> g = of(small, askew<float>(64, 50), 2, {}, used),
+                                    h = of(small, askew<float>(64, 50), 2, {}, fresh);
+    CHECK(used.face == fresh.face);
+    CHECK(used.attributes.pixels == fresh.attributes.pixels);
+    CHECK(used.mask.pixels == fresh.mask.pixels);
+    CHECK(used.depth.pixels == fresh.depth.pixels);
+    CHECK(used.silhouette.pixels == fresh.silhouette.pixels);
+    CHECK(used.barycentric == fresh.barycentric);
+    CHECK(g.vertices == h.vertices);
+    CHECK(h.vertices.norm() > 0);
+}

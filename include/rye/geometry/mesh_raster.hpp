@@ -10,6 +10,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cstdint>
 #include <limits>
 #include <utility>
 #include <vector>
@@ -156,11 +157,11 @@ struct AttributeMesh {
     ColumnsView<T> attributes;       ///< C x M
 };
 
-/// Rasterizes a mesh; without faces the images are empty.
+/// Rasterizes a mesh into `out`, whose memory is used again; without faces the images are empty.
 template <class T, Backend B>
-MeshRaster<T> rasterize_mesh(const B& backend, const AttributeMesh<T>& mesh,
-                             const Pinhole<real_t<T>>& camera,
-                             const MeshRasterSettings& settings = {}) {
+void rasterize_mesh_into(const B& backend, const AttributeMesh<T>& mesh,
+                         const Pinhole<real_t<T>>& camera, const MeshRasterSettings& settings,
+                         MeshRaster<T>& out) {
     using W = widened_t<T>;
     const ColumnsView<T>&vertices = mesh.vertices, &attributes = mesh.attributes;
     const std::vector<Face>& faces = mesh.faces;
@@ -168,12 +169,16 @@ MeshRaster<T> rasterize_mesh(const B& backend, const AttributeMesh<T>& mesh,
                "rasterize_mesh: vertices are not 3 x M or attributes not C x M");
     const int width = camera.width, height = camera.height;
     const Pinhole<double> view = camera.template cast<double>();
-    MeshRaster<T> out;
+    const Index pixels = static_cast<Index>(width) * height;
     out.settings = settings;
-    out.attributes = Image<T>(width, height, static_cast<int>(attributes.rows()));
-    out.mask = out.depth = out.silhouette = Image<T>(width, height, 1);
-    out.face.assign(static_cast<std::size_t>(out.mask.size()), -1);
-    out.barycentric = Columns<T>::Zero(3, out.mask.size());
+    for (Image<T>* image : {&out.attributes, &out.mask, &out.depth, &out.silhouette}) {
+        image->width = width;
+        image->height = height;
+        image->pixels.resize(image == &out.attributes ? attributes.rows() : 1, pixels);
+    }
+    out.face.resize(static_cast<std::size_t>(pixels));
+    out.barycentric.resize(3, pixels);
+    out.rejected_faces = out.degenerate_faces = 0;
     const auto& threads = backend.threads;
     out.screen = screen_mesh<T>(threads, vertices, camera);
     const std::vector<ScreenFace> boxes =
@@ -193,6 +198,10 @@ MeshRaster<T> rasterize_mesh(const B& backend, const AttributeMesh<T>& mesh,
                             bands.faces.data() + bands.begin[number + 1], static_cast<int>(y0),
                             static_cast<int>(y1 - y0)};
         const Index begin = y0 * width, end = y1 * width;
+        for (Columns<T>* image : {&out.attributes.pixels, &out.mask.pixels, &out.depth.pixels,
+                                  &out.silhouette.pixels, &out.barycentric})
+            image->middleCols(begin, end - begin).setZero();
+        std::fill(out.face.begin() + begin, out.face.begin() + end, Index{-1});
         detail::nearest_faces(screen, band, view, settings, out.face.data() + begin);
         std::vector<std::uint8_t> covered(static_cast<std::size_t>(end - begin));
         for (Index p = begin; p < end; ++p) {
@@ -214,18 +223,66 @@ MeshRaster<T> rasterize_mesh(const B& backend, const AttributeMesh<T>& mesh,
                                            out.barycentric(1, p) * attributes.col(f[1]) +
                                            out.barycentric(2, p) * attributes.col(f[2]);
         }
+        SilhouetteTrace& trace = out.silhouettes[number] = {};
         if (settings.silhouette.max_faces <= 0) return;
-        SilhouetteTrace& trace = out.silhouettes[number];
         trace = silhouette_trace(screen, band, covered, width, settings.silhouette);
         for (std::size_t i = 0; i < trace.pixel.size(); ++i)
             out.silhouette.pixels(0, trace.pixel[i]) = scalar_cast<T>(silhouette_value(
                 out.screen, {trace, i, width, settings.silhouette.sharpness}));
     });
+}
+/// Returns the images of a mesh; without faces they are empty.
+template <class T, Backend B>
+MeshRaster<T> rasterize_mesh(const B& backend, const AttributeMesh<T>& mesh,
+                             const Pinhole<real_t<T>>& camera,
+                             const MeshRasterSettings& settings = {}) {
+    MeshRaster<T> out;
+    rasterize_mesh_into(backend, mesh, camera, settings, out);
     return out;
 }
 
+namespace detail {
+
+/// Sums of gradients of some of a mesh's vertices, in the order in which they come.
+template <class T>
+class VertexShares {
+    using W = widened_t<T>;
+
+  public:
+    std::vector<Index> vertex;    ///< each once
+    std::vector<Vec3<W>> camera;  ///< gradient of its point in the camera frame
+    std::vector<Vec2<W>> image;   ///< gradient of its point in the image
+    std::vector<T> attributes;    ///< C a vertex
+
+    VertexShares() = default;
+    VertexShares(Index vertices, Index channels)
+        : channels_(channels),
+          place_(static_cast<std::size_t>(vertices), -1) {}
+    /// Returns the place of a vertex, whose sums begin with 0.
+    std::size_t place(Index v) {
+        std::int32_t& at = place_[static_cast<std::size_t>(v)];
+        if (at < 0) {
+            at = static_cast<std::int32_t>(vertex.size());
+            vertex.push_back(v);
+            camera.push_back(Vec3<W>(W(0), W(0), W(0)));
+            image.push_back(Vec2<W>(W(0), W(0)));
+            attributes.resize(attributes.size() + static_cast<std::size_t>(channels_), T(0));
+        }
+        return static_cast<std::size_t>(at);
+    }
+    Eigen::Map<Columns<T>> attributes_at(std::size_t place) {
+        return {attributes.data() + static_cast<Index>(place) * channels_, channels_, 1};
+    }
+
+  private:
+    Index channels_ = 0;
+    std::vector<std::int32_t> place_;  ///< -1 for none
+};
+
+} // namespace detail
+
 /// Returns the gradients of vertices and attributes, given those of the images, with the same mesh
-/// and camera.
+/// and camera. Sums are those of the bands of rows, in their order.
 template <class T, Backend B>
 MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& raster,
                                          const AttributeMesh<T>& mesh,
@@ -237,111 +294,69 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& 
     const Pinhole<double> view = camera.template cast<double>();
     const Columns<W>& points = raster.screen.camera;
     const int width = raster.mask.width;
-    const Index pixels = raster.mask.size();
-    std::vector<Index> drawn, band_begin;  // pixels with a face; first of them of each band
-    for (Index p = 0; p < pixels; ++p) {
-        if (p % (static_cast<Index>(width) * FaceBands::rows) == 0)
-            band_begin.push_back(static_cast<Index>(drawn.size()));
-        if (raster.face[static_cast<std::size_t>(p)] >= 0) drawn.push_back(p);
-    }
-    band_begin.push_back(static_cast<Index>(drawn.size()));
-
-    // Contributions of every pixel first, in parallel; then sums over pixels, in parallel over
-    // channels and ranges of vertices, so that each sum is in the order of the pixels.
-    struct ImageShare {
-        Index vertex;
-        Vec2<W> g;
-    };
-    Columns<W> corner(9,
-                      static_cast<Index>(drawn.size())); // gradients of the corners, camera frame
-    std::vector<std::vector<ImageShare>> outline(raster.silhouettes.size());
-    for_chunks(backend.threads, static_cast<Index>(outline.size()), 1, [&](Index b, Index, Index) {
-        const std::size_t band = static_cast<std::size_t>(b);
-        for (Index i = band_begin[band]; i < band_begin[band + 1]; ++i) {
-            const Index p = drawn[static_cast<std::size_t>(i)];
-            const Face& f =
-                faces[static_cast<std::size_t>(raster.face[static_cast<std::size_t>(p)])];
-            const double ray[2] = {(static_cast<double>(p % width) + 0.5 - view.cx) / view.fx,
-                                   (static_cast<double>(p / width) + 0.5 - view.cy) / view.fy};
-            const detail::PixelFace<W> at(points, f, ray[0], ray[1]);
-            const W g_depth = g.depth ? scalar_cast<W>((*g.depth)(0, p)) : W(0);
-            std::array<W, 3> g_b;
-            W mean(0);
-            for (std::size_t k = 0; k < 3; ++k) {
-                g_b[k] = g_depth * points(2, f[k]);
-                if (g.attributes)
-                    g_b[k] += scalar_cast<W>(T(g.attributes->col(p).dot(attributes.col(f[k]))));
-                mean += g_b[k] * at.barycentric[k];
+    std::vector<detail::VertexShares<T>> bands(raster.silhouettes.size());
+    for_chunks(
+        backend.threads, raster.mask.height, FaceBands::rows, [&](Index y0, Index y1, Index band) {
+            detail::VertexShares<T>& sums = bands[static_cast<std::size_t>(band)];
+            sums = {points.cols(), g.attributes ? attributes.rows() : 0};
+            for (Index p = y0 * width; p < y1 * width; ++p) {
+                const Index shown = raster.face[static_cast<std::size_t>(p)];
+                if (shown < 0) continue;
+                const Face& f = faces[static_cast<std::size_t>(shown)];
+                const double ray[2] = {(static_cast<double>(p % width) + 0.5 - view.cx) / view.fx,
+                                       (static_cast<double>(p / width) + 0.5 - view.cy) / view.fy};
+                const detail::PixelFace<W> at(points, f, ray[0], ray[1]);
+                const W g_depth = g.depth ? scalar_cast<W>((*g.depth)(0, p)) : W(0);
+                std::array<W, 3> g_b;
+                W mean(0);
+                for (std::size_t k = 0; k < 3; ++k) {
+                    g_b[k] = g_depth * points(2, f[k]);
+                    if (g.attributes)
+                        g_b[k] += scalar_cast<W>(T(g.attributes->col(p).dot(attributes.col(f[k]))));
+                    mean += g_b[k] * at.barycentric[k];
+                }
+                std::array<Vec2<W>, 3> g_r;
+                for (Vec2<W>& v : g_r) v = {W(0), W(0)};
+                for (std::size_t k = 0; k < 3; ++k) {
+                    const W g_e = (g_b[k] - mean) / at.sum;
+                    const std::size_t u = (k + 1) % 3, v = (k + 2) % 3;
+                    g_r[u] += Vec2<W>(g_e * at.r[v][1], -g_e * at.r[v][0]);
+                    g_r[v] += Vec2<W>(-g_e * at.r[u][1], g_e * at.r[u][0]);
+                }
+                for (std::size_t k = 0; k < 3; ++k) {
+                    const std::size_t place = sums.place(f[k]);
+                    sums.camera[place] +=
+                        Vec3<W>(g_r[k][0], g_r[k][1],
+                                g_depth * at.barycentric[k] -
+                                    (g_r[k][0] * W(ray[0]) + g_r[k][1] * W(ray[1])));
+                    if (g.attributes)
+                        sums.attributes_at(place) +=
+                            raster.barycentric(static_cast<Index>(k), p) * g.attributes->col(p);
+                }
             }
-            std::array<Vec2<W>, 3> g_r;
-            for (Vec2<W>& v : g_r) v = {W(0), W(0)};
-            for (std::size_t k = 0; k < 3; ++k) {
-                const W g_e = (g_b[k] - mean) / at.sum;
-                const std::size_t u = (k + 1) % 3, v = (k + 2) % 3;
-                g_r[u] += Vec2<W>(g_e * at.r[v][1], -g_e * at.r[v][0]);
-                g_r[v] += Vec2<W>(-g_e * at.r[u][1], g_e * at.r[u][0]);
+            if (!g.silhouette) return;
+            const SilhouetteTrace& trace = raster.silhouettes[static_cast<std::size_t>(band)];
+            for (std::size_t i = 0; i < trace.pixel.size(); ++i) {
+                const W g_soft = scalar_cast<W>((*g.silhouette)(0, trace.pixel[i]));
+                if (value_of(g_soft) == 0) continue;
+                silhouette_vjp(raster.screen,
+                               {trace, i, width, raster.settings.silhouette.sharpness}, g_soft,
+                               [&](Index v, const Vec2<W>& share) {
+                                   sums.image[sums.place(v)] += share;
+                               });
             }
-            for (std::size_t k = 0; k < 3; ++k) {
-                const Index row = 3 * static_cast<Index>(k);
-                corner(row, i) = g_r[k][0];
-                corner(row + 1, i) = g_r[k][1];
-                corner(row + 2, i) = g_depth * at.barycentric[k] -
-                                     (g_r[k][0] * W(ray[0]) + g_r[k][1] * W(ray[1]));
-            }
-        }
-        if (!g.silhouette) return;
-        const SilhouetteTrace& trace = raster.silhouettes[band];
-        for (std::size_t i = 0; i < trace.pixel.size(); ++i) {
-            const W g_soft = scalar_cast<W>((*g.silhouette)(0, trace.pixel[i]));
-            if (value_of(g_soft) == 0) continue;
-            silhouette_vjp(raster.screen,
-                           {trace, i, width, raster.settings.silhouette.sharpness}, g_soft,
-                           [&](Index v, const Vec2<W>& share) {
-                               outline[band].push_back({v, share});
-                           });
-        }
-    });
+        });
 
     MeshRasterGradient<T> out{{}, Columns<T>::Zero(attributes.rows(), attributes.cols())};
-    constexpr int block = 16;  // channels per task: one cache line of floats
-    const Index blocks = g.attributes ? chunk_count(attributes.rows(), block) : 0;
-    const Index ranges = std::clamp<Index>(backend.threads.size(), 1, 8);
     Columns<W> g_camera = Columns<W>::Zero(3, points.cols());
     Columns<W> g_image = Columns<W>::Zero(2, points.cols());
-    for_chunks(backend.threads, 1 + (1 + blocks) * ranges, 1, [&](Index task, Index, Index) {
-        if (task == 0) {
-            for (const auto& shares : outline)
-                for (const ImageShare& s : shares) g_image.col(s.vertex) += s.g;
-            return;
+    for (detail::VertexShares<T>& sums : bands)
+        for (std::size_t i = 0; i < sums.vertex.size(); ++i) {
+            const Index v = sums.vertex[i];
+            g_camera.col(v) += sums.camera[i];
+            g_image.col(v) += sums.image[i];
+            if (g.attributes) out.attributes.col(v) += sums.attributes_at(i);
         }
-        const Index range = (task - 1) % ranges, kind = (task - 1) / ranges;
-        const Index first = points.cols() * range / ranges,
-                    end = points.cols() * (range + 1) / ranges;
-        // Calls add(pixel's number, pixel, corner, vertex) for corners in the range.
-        const auto each_corner = [&](const auto& add) {
-            for (std::size_t i = 0; i < drawn.size(); ++i) {
-                const Index p = drawn[i];
-                const Face& f =
-                    faces[static_cast<std::size_t>(raster.face[static_cast<std::size_t>(p)])];
-                for (std::size_t k = 0; k < 3; ++k)
-                    if (f[k] >= first && f[k] < end)
-                        add(static_cast<Index>(i), p, static_cast<Index>(k), f[k]);
-            }
-        };
-        if (kind == 0)
-            return each_corner([&](Index i, Index, Index k, Index vertex) {
-                g_camera.col(vertex) += corner.col(i).template segment<3>(3 * k);
-            });
-        const Index c = (kind - 1) * block;
-        const auto add = [&](auto size) {
-            each_corner([&](Index, Index p, Index k, Index vertex) {
-                out.attributes.col(vertex).segment(c, size) +=
-                    raster.barycentric(k, p) * g.attributes->col(p).segment(c, size);
-            });
-        };
-        if (attributes.rows() - c >= block) return add(Eigen::fix<block>);
-        add(attributes.rows() - c);
-    });
     out.vertices =
         screen_mesh_vjp(backend.threads, raster.screen, camera, std::move(g_camera), g_image);
     return out;

@@ -35,7 +35,7 @@ struct ScreenFace {
 namespace detail {
 
 /// Vertices or faces of a task.
-inline constexpr Index screen_grain = 2048;
+inline constexpr Index screen_grain = 512;
 
 } // namespace detail
 
