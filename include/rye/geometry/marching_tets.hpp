@@ -341,20 +341,24 @@ SurfaceGradient<T> surface_vjp(const Surface<T>& surface, const SurfaceInputs<T>
 /// Returns the grid vertices on edges that the surface cuts, ascending. Only they have a gradient,
 /// so networks over the grid need a trace and a backward pass for them alone.
 inline std::vector<Index> touched_vertices(const SurfaceTopology& surface) {
+    Index count = 0;
+    for (const Edge& e : surface.edges) count = std::max({count, e[0] + 1, e[1] + 1});
+    std::vector<std::uint8_t> touched(static_cast<std::size_t>(count), 0);
+    for (const Edge& e : surface.edges)
+        for (const Index v : e) touched[static_cast<std::size_t>(v)] = 1;
     std::vector<Index> out;
-    out.reserve(2 * surface.edges.size());
-    for (const auto& [a, b] : surface.edges) out.insert(out.end(), {a, b});
-    std::sort(out.begin(), out.end());
-    out.erase(std::unique(out.begin(), out.end()), out.end());
+    for (Index v = 0; v < count; ++v)
+        if (touched[static_cast<std::size_t>(v)] != 0) out.push_back(v);
     return out;
 }
 
 /// Returns the same surface with its edges renumbered to indices into the list `touched`.
 inline SurfaceTopology over_touched(SurfaceTopology surface, const std::vector<Index>& touched) {
-    const auto place = [&](Index v) {
-        return std::lower_bound(touched.begin(), touched.end(), v) - touched.begin();
-    };
-    for (Edge& e : surface.edges) e = {place(e[0]), place(e[1])};
+    std::vector<Index> place(touched.empty() ? 0 : static_cast<std::size_t>(touched.back()) + 1);
+    for (std::size_t k = 0; k < touched.size(); ++k)
+        place[static_cast<std::size_t>(touched[k])] = static_cast<Index>(k);
+    for (Edge& e : surface.edges)
+        for (Index& v : e) v = place[static_cast<std::size_t>(v)];
     return surface;
 }
 
