@@ -97,7 +97,7 @@ void f8_f9(Report& report) {
     const Columns<T> none = Columns<T>::Zero(1, 9), full = Columns<T>::Ones(1, 9);
     const Columns<T> faint = Columns<T>::Constant(1, 9, T(1e-30));
     const auto iou = [&](const Columns<T>& a, const Columns<T>& b) {
-        return silhouette_term<T>(a, b, full);
+        return silhouette_term<T>(ScalarBackend<>{}, a, b, full);
     };
     const auto ee = iou(none, none), ea = iou(none, full), aa = iou(full, full),
                ff = iou(faint, none);

@@ -21,7 +21,8 @@ template <class T, class Term>
 double slope_error(const Columns<T>& x, const Term& term) {
     const Columns<T> dx = random_columns<T>(x.rows(), x.cols(), 77);
     DotProducts d;
-    d.add_forward(Columns<T>::Constant(1, 1, term(lifted(x, dx)).value.d[0]), Columns<T>::Ones(1, 1));
+    d.add_forward(Columns<T>::Constant(1, 1, term(lifted(x, dx)).value.d[0]),
+                  Columns<T>::Ones(1, 1));
     d.add_reverse(term(x).gradient, dx);
     return d.error();
 }
@@ -64,32 +65,35 @@ TEST_CASE("mesh terms: values by hand") {
     CHECK(landmark_term<double>(sdf).gradient == 0.25 * sdf.unaryExpr([](double s) {
         return s > 0 ? 1.0 : s < 0 ? -1.0 : 0.0;
     }));
-    Columns<double> triangle(3, 3);  // Laplacians (1.5, 1.5), (-3, 1.5), (1.5, -3)
+    Columns<double> triangle(3, 3); // Laplacians (1.5, 1.5), (-3, 1.5), (1.5, -3)
     triangle << 0, 3, 0, 0, 0, 3, 0, 0, 0;
     CHECK(laplacian_term<double>(triangle, {{0, 1, 2}}).value == doctest::Approx(27.0 / 9));
 }
 
 TEST_CASE("silhouette_term: intersection over union, also of nothing") {
     const Columns<double> none = Columns<double>::Zero(1, 64), all = Columns<double>::Ones(1, 64);
-    CHECK(silhouette_term<double>(all, all, all).value == doctest::Approx(0).epsilon(1e-9));
-    CHECK(silhouette_term<double>(none, all, all).value == doctest::Approx(1));
-    CHECK(silhouette_term<double>(all, none, all).value == doctest::Approx(1));
-    CHECK(silhouette_term<double>(0.5 * all, all, all).value == doctest::Approx(0.5));
+    CHECK(silhouette_term<double>(Plain{}, all, all, all).value ==
+          doctest::Approx(0).epsilon(1e-9));
+    CHECK(silhouette_term<double>(Plain{}, none, all, all).value == doctest::Approx(1));
+    CHECK(silhouette_term<double>(Plain{}, all, none, all).value == doctest::Approx(1));
+    CHECK(silhouette_term<double>(Plain{}, 0.5 * all, all, all).value == doctest::Approx(0.5));
     for (const auto& [soft, mask, visible] :
-         {std::tuple{none, none, all}, {all, all, none}, {Columns<double>(1, 0), Columns<double>(1, 0),
-                                                         Columns<double>(1, 0)}}) {
-        const LossTerm<double> empty = silhouette_term<double>(soft, mask, visible);
+         {std::tuple{none, none, all},
+          {all, all, none},
+          {Columns<double>(1, 0), Columns<double>(1, 0), Columns<double>(1, 0)}}) {
+        const LossTerm<double> empty = silhouette_term<double>(Plain{}, soft, mask, visible);
         CHECK(empty.value == 0);
         CHECK(empty.count == 0);
         CHECK(empty.gradient.norm() == 0);
     }
     const Columns<float> tiny = Columns<float>::Constant(1, 64, 1e-32f);
-    const LossTerm<float> faint = silhouette_term<float>(tiny, tiny, Columns<float>::Ones(1, 64));
+    const LossTerm<float> faint =
+        silhouette_term<float>(Plain{}, tiny, tiny, Columns<float>::Ones(1, 64));
     CHECK(std::isfinite(faint.value));
     CHECK(faint.gradient.allFinite());
     const Columns<float> a = disc<float>(64, 20), b = disc<float>(64, 14);
     const Columns<float> seen = Columns<float>::Ones(1, a.cols());
-    CHECK(silhouette_term<float>(a, b, seen).value ==
+    CHECK(silhouette_term<float>(Plain{}, a, b, seen).value ==
           doctest::Approx(1 - b.sum() / a.sum()).epsilon(1e-6));
 }
 
@@ -107,7 +111,8 @@ TEST_CASE_TEMPLATE("mesh terms: gradients agree with duals", T, float, double) {
           }) < bound);
     CHECK(slope_error<T>(random_columns<T>(1, 400, 4).cwiseAbs(), [&](const auto& x) {
               using S = typename std::decay_t<decltype(x)>::Scalar;
-              return silhouette_term<S>(x, constant(disc<T>(20, 6), S()), constant(visible, S()));
+              return silhouette_term<S>(Plain{}, x, constant(disc<T>(20, 6), S()),
+                                        constant(visible, S()));
           }) < bound);
     CHECK(slope_error<T>(random_columns<T>(3, 424, 5), [&](const auto& x) {
               using S = typename std::decay_t<decltype(x)>::Scalar;
@@ -117,11 +122,11 @@ TEST_CASE_TEMPLATE("mesh terms: gradients agree with duals", T, float, double) {
               return offset_term<typename std::decay_t<decltype(x)>::Scalar>(x);
           }) < bound);
     Columns<T> sdf = random_columns<T>(1, 424, 7);
-    sdf(0, 5) = T(0);  // slope 0 at the kink, on both sides
+    sdf(0, 5) = T(0); // slope 0 at the kink, on both sides
     CHECK(slope_error<T>(sdf, [](const auto& x) {
               return landmark_term<typename std::decay_t<decltype(x)>::Scalar>(x);
           }) < bound);
-    CHECK(slope_error<T>(random_columns<T>(3, 6, 8), [](const auto& x) {  // vertex 5 has no face
+    CHECK(slope_error<T>(random_columns<T>(3, 6, 8), [](const auto& x) { // vertex 5 has no face
               return laplacian_term<typename std::decay_t<decltype(x)>::Scalar>(x, strip);
           }) < bound);
     CHECK(slope_error<T>(random_columns<T>(3, 2, 9), [&](const auto& x) {

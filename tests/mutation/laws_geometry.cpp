@@ -88,16 +88,17 @@ void all() {
             visible(0, i) = S(1.0F - 0.125F * static_cast<float>(i));
             soft(0, i) = S(0.5F) + S(0.1F) * x(0, i);
         }
-        auto r = silhouette_term<S>(soft, mask, visible);
+        auto r = silhouette_term<S>(ScalarBackend<>{}, soft, mask, visible);
         r.gradient = Columns<S>(S(0.1F) * r.gradient);
         return r;
     });
     // No law of derivatives determines the number that keeps the quotient finite, but faint masks
     // must still have a gradient.
-    const Columns<double> faint = Columns<double>::Constant(1, 6, 1e-12), all_of_it =
-        Columns<double>::Ones(1, 6);
+    const Columns<double> faint = Columns<double>::Constant(1, 6, 1e-12),
+                          all_of_it = Columns<double>::Ones(1, 6);
     demand("silhouette_term", "faint masks", "double",
-           silhouette_term<double>(faint, faint, all_of_it).gradient.maxCoeff(), 0);
+           silhouette_term<double>(ScalarBackend<>{}, faint, faint, all_of_it).gradient.maxCoeff(),
+           0);
 }
 
 } // namespace

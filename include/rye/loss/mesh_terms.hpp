@@ -74,29 +74,39 @@ LossTerm<T> color_term(const B& backend, const std::type_identity_t<ColumnsView<
 
 /// Returns L_sil: 1 - sum ab / (sum (a + b - ab) + 1e-10) with a = soft visible, b = mask visible,
 /// all 1 x P, and its gradient with respect to soft. Two empty masks give 0, count 0.
-template <class T>
-LossTerm<T> silhouette_term(const ColumnsView<T>& soft, const ColumnsView<T>& mask,
-                            const ColumnsView<T>& visible) {
+template <class T, Backend B>
+LossTerm<T> silhouette_term(const B& backend, const std::type_identity_t<ColumnsView<T>>& soft,
+                            const std::type_identity_t<ColumnsView<T>>& mask,
+                            const std::type_identity_t<ColumnsView<T>>& visible) {
     RYE_ASSERT(soft.cols() == mask.cols() && soft.cols() == visible.cols(),
                "silhouette_term: soft, mask and visible differ in size");
     using W = widened_t<T>;
     const auto get = [](const auto& m, Index p) { return scalar_cast<W>(T(m(0, p))); };
-    W both(0), either(0);
-    for (Index p = 0; p < soft.cols(); ++p) {
-        const W v = get(visible, p), a = get(soft, p) * v, b = get(mask, p) * v;
-        both += a * b;
-        either += a + b * (W(1) - a);
-    }
+    const Vec2<W> sums = sum_chunks(
+        backend.threads, soft.cols(), detail::loss_grain, Vec2<W>(W(0), W(0)),
+        [&](Index begin, Index end) {
+            Vec2<W> of(W(0), W(0));
+            for (Index p = begin; p < end; ++p) {
+                const W v = get(visible, p), a = get(soft, p) * v, b = get(mask, p) * v;
+                of[0] += a * b;
+                of[1] += a + b * (W(1) - a);
+            }
+            return of;
+        });
+    const W &both = sums[0], &either = sums[1];
     LossTerm<T> out{{T(0), Columns<T>::Zero(1, soft.cols())}, 0};
     if (!(value_of(either) > 0)) return out;
     out.count = soft.cols();
     const W scale = W(1) / (either + W(1e-10));
     const W iou = both * scale;
     out.value = scalar_cast<T>(W(W(1) - iou));
-    for (Index p = 0; p < soft.cols(); ++p) {
-        const W v = get(visible, p), b = get(mask, p) * v;
-        out.gradient(0, p) = scalar_cast<T>(W((iou * (W(1) - b) - b) * scale * v));
-    }
+    for_chunks(backend.threads, soft.cols(), detail::loss_grain,
+               [&](Index begin, Index end, Index) {
+                   for (Index p = begin; p < end; ++p) {
+                       const W v = get(visible, p), b = get(mask, p) * v;
+                       out.gradient(0, p) = scalar_cast<T>(W((iou * (W(1) - b) - b) * scale * v));
+                   }
+               });
     return out;
 }
 

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <rye/avatar/guidance_mesh.hpp>
@@ -58,29 +59,34 @@ MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
     MeshLosses<T> l;
     t.neutral = neutral_surface(backend, mesh, config, stage.grid);
     probe("surface");
-    t.rasters.clear();
+    const std::size_t views = t.neutral.empty() ? 0 : sample.views.size();
+    t.rasters.resize(views); // whose memory is used again
+    t.g_image.resize(views);
+    t.g_silhouette.resize(views);
     t.cameras.clear();
-    t.g_image.clear();
-    t.g_silhouette.clear();
     if (!t.neutral.empty()) {
         l.vertices = t.neutral.surface.positions.cols();
         pose_mesh(backend, mesh, {config, stage.roles, sample.drivers}, t.neutral, t.posed);
         probe("networks");
         const Columns<T> shown = t.posed.color.topRows(3);  // the other channels have no loss
-        const T share = T(1.0 / static_cast<double>(sample.views.size()));
-        for (const MeshView<T>& view : sample.views) {
-            t.rasters.push_back(rasterize_mesh<T>(
-                backend, {t.posed.world, t.neutral.surface.topology.faces, shown}, view.camera));
+        const T share = T(1.0 / static_cast<double>(views));
+        for (std::size_t v = 0; v < views; ++v) {
+            const MeshView<T>& view = sample.views[v];
+            MeshRaster<T>& raster = t.rasters[v];
+            rasterize_mesh_into<T>(backend,
+                                   {t.posed.world, t.neutral.surface.topology.faces, shown},
+                                   view.camera, {}, raster);
             t.cameras.push_back(view.camera);
-            const MeshRaster<T>& raster = t.rasters.back();
-            const LossTerm<T> color =
+            LossTerm<T> color =
                 color_term<T>(backend, raster.attributes.pixels, view.truth.pixels, view.visible);
             l.rgb += share * color.value;
-            t.g_image.push_back((T(weights.rgb) * share) * color.gradient);
-            const LossTerm<T> sil =
-                silhouette_term<T>(raster.silhouette.pixels, view.mask, view.visible);
+            color.gradient *= T(weights.rgb) * share;
+            t.g_image[v] = std::move(color.gradient);
+            LossTerm<T> sil =
+                silhouette_term<T>(backend, raster.silhouette.pixels, view.mask, view.visible);
             l.silhouette += share * sil.value;
-            t.g_silhouette.push_back((T(weights.silhouette) * share) * sil.gradient);
+            sil.gradient *= T(weights.silhouette) * share;
+            t.g_silhouette[v] = std::move(sil.gradient);
         }
         probe("mesh render");
         const LossTerm<T> lap =
