@@ -70,19 +70,20 @@ struct GeometryCotangent {
     const Columns<T>& output;      ///< cotangent of trace.output, (4 + F) x N
 };
 
-/// Accumulates network gradients; returns the cotangent of the points.
+/// Accumulates network gradients, and the cotangent of the points in `g_points`, if not null.
 template <class T, EffectSet E, Backend B>
-Columns<T> geometry_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
-                        const AvatarConfig& config,
-                        const std::type_identity_t<GeometryCotangent<T>>& g,
-                        GuidanceMesh<T, E>& grad) {
+void geometry_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+                  const std::type_identity_t<GeometryCotangent<T>>& g, GuidanceMesh<T, E>& grad,
+                  std::type_identity_t<Columns<T>>* g_points = nullptr) {
     const GeometryTrace<T>& trace = g.trace;
     Columns<T> g_output = g.output;
     squash_vjp(backend, Squash::tanh, trace.output, g_output);
     Columns<T> g_code;
     mlp_vjp<T>(backend, mesh.geometry, {trace.code, VecX<T>(), trace.mlp}, g_output,
-               {.params = grad.geometry, .points = &g_code});
-    return EncodingOf<E>::vjp(trace.code, g_code, config.frequencies);
+               {.params = grad.geometry, .points = g_points != nullptr ? &g_code : nullptr});
+    if (g_points != nullptr)
+        encode_points_vjp<EncodingOf<E>>(backend, trace.code, g_code, config.frequencies,
+                                         *g_points);
 }
 
 /// The neutral surface. Gradients exist only at the lattice vertices that it touches, so only those
@@ -228,7 +229,7 @@ void pose_mesh(const B& backend, const GuidanceMesh<T, E>& mesh,
         add_field(backend, Field{by.color(nets), mesh_colour_squash(by), one},
                   {neutral.feature, by.influence(w), by.code(p.code)}, p.color, by.color(p));
     });
-    p.rest_code = EncodingOf<E>::encode(x, config.frequencies);
+    encode_points<EncodingOf<E>>(backend, x, config.frequencies, p.rest_code);
     p.moved = x;
     for_face_fields<Less<E, PoseResidual>>([&](auto by) {
         add_field(backend, Field{by.deform(nets), Squash::tanh, reach},
@@ -236,7 +237,7 @@ void pose_mesh(const B& backend, const GuidanceMesh<T, E>& mesh,
     });
     p.canonical = p.moved;
     if constexpr (has_effect<E, PoseResidual>) {
-        p.moved_code = EncodingOf<E>::encode(p.moved, config.frequencies);
+        encode_points<EncodingOf<E>>(backend, p.moved, config.frequencies, p.moved_code);
         add_field(backend, Field{nets.pose_deform, Squash::tanh, reach},
                   {p.moved_code, w.pose, p.code.pose}, p.canonical, p.pose_deform);
     }
@@ -304,7 +305,8 @@ void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Avata
         field_vjp(backend, Field{nets.pose_deform, Squash::tanh, reach},
                   {w.pose, p.code.pose, p.pose_deform}, g_canonical,
                   {&gnets.pose_deform, &g_code, &g_w.pose, nullptr, &g_raw.pose});
-        g_moved += EncodingOf<E>::vjp(p.moved_code, g_code, config.frequencies);
+        encode_points_vjp<EncodingOf<E>>(backend, p.moved_code, g_code, config.frequencies,
+                                         g_moved);
         g_code.setZero();
     }
     // In the order that the gradients' sums have always had: each eye's two networks together.
@@ -327,7 +329,8 @@ void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Avata
     });
     if constexpr (has_effect<E, Expression>) color_vjp(ExpressionField{});
     if constexpr (has_effect<E, PoseResidual>) color_vjp(PoseField{});
-    g_positions += g_moved + EncodingOf<E>::vjp(p.rest_code, g_code, config.frequencies);
+    encode_points_vjp<EncodingOf<E>>(backend, p.rest_code, g_code, config.frequencies, g_moved);
+    g_positions += g_moved;
     face_weights_vjp<T>(backend, {config, x, mesh.landmarks}, p.nearest, g_w,
                         {g_positions, &grad.landmarks});
 }

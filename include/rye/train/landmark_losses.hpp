@@ -72,7 +72,7 @@ void place_landmarks(const B& backend, const GuidanceMesh<T, E>& mesh, const Lan
     const T reach = T(config.vertex_offset);
     places.shifted = mesh.landmarks + geometry.output.middleRows(1, 3).unaryExpr(
                                           [&](const T& o) { return T(reach * tanh(o)); });
-    places.code = EncodingOf<E>::encode(places.shifted, config.frequencies);
+    encode_points<EncodingOf<E>>(backend, places.shifted, config.frequencies, places.code);
     places.ones = Columns<T>::Ones(1, places.shifted.cols());
     if (stage.landmarks_follow_gaze && has_effect<E, Periocular>)
         places.weights = face_weights<T>(backend, {config, places.shifted, mesh.landmarks},
@@ -184,7 +184,7 @@ void landmark_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
     if (follow)
         face_weights_vjp<T>(backend, {config, m.shifted, mesh.landmarks}, m.nearest, g_w,
                             {g_shifted, &grad.landmarks});
-    g_shifted += EncodingOf<E>::vjp(m.code, g_code, config.frequencies);
+    encode_points_vjp<EncodingOf<E>>(backend, m.code, g_code, config.frequencies, g_shifted);
     Columns<T> g_output = Columns<T>::Zero(m.geometry.output.rows(), m.geometry.output.cols());
     g_output.topRows(1) = m.g_sdf;
     g_output.middleRows(1, 3) =
@@ -192,7 +192,8 @@ void landmark_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
             const T h = tanh(o);
             return T(reach * (T(1) - h) * (T(1) + h));
         }));
-    grad.landmarks += g_shifted + geometry_vjp(backend, mesh, config, {m.geometry, g_output}, grad);
+    grad.landmarks += g_shifted;
+    geometry_vjp(backend, mesh, config, {m.geometry, g_output}, grad, &grad.landmarks);
 
     if constexpr (has_effect<E, EyeOffset>) {
         VecX<T> g_pose_code = VecX<T>::Zero(code.pose.size());
