@@ -35,34 +35,54 @@ class HostTransfer {
     DeviceBuffer<float> points, codes, outputs, row;
     DeviceMlpScratch scratch;
 
-    /// Sends columns; waits.
+    /// Sends what write(p) puts into n numbers at p; goes on beside the copy.
+    template <class F>
+    void send(Index n, float* to, const F& write) {
+        if (n == 0) return;
+        float* const at = stage(n);
+        write(at);
+        device.send_later(queue, to, at, bytes(n));
+        sent += bytes(n);
+    }
+    /// Sends columns.
     template <Threads P>
     void send(const P& threads, const ColumnsView<float>& x, float* to) {
-        if (x.size() == 0) return;
-        float* const at = stage(x.size());
-        each_columns(threads, x.rows(), x.cols(), [&](Index b, Index n) {
-            Eigen::Map<Columns<float>>(at + b * x.rows(), x.rows(), n) = x.middleCols(b, n);
+        send(x.size(), to, [&](float* at) {
+            each_columns(threads, x.rows(), x.cols(), [&](Index b, Index n) {
+                Eigen::Map<Columns<float>>(at + b * x.rows(), x.rows(), n) = x.middleCols(b, n);
+            });
         });
-        device.send(queue, to, at, bytes(x.size()));
-        sent += bytes(x.size());
     }
-    /// Fetches columns into x, whose shape they have; waits.
+    /// Fetches n numbers; waits. Returns where they lie until the next call.
+    const float* fetch(const float* from, Index n) {
+        float* const at = stage(n);
+        device.fetch(queue, at, from, bytes(n)); // behind all that was sent
+        fetched += bytes(n);
+        used_ = 0;
+        return at;
+    }
+    /// Copies what was fetched into columns, whose shape it has.
     template <Threads P>
-    void fetch(const P& threads, const float* from, Columns<float>& x) {
-        if (x.size() == 0) return;
-        float* const at = stage(x.size());
-        device.fetch(queue, at, from, bytes(x.size()));
-        fetched += bytes(x.size());
+    static void copy(const P& threads, const float* from, Columns<float>& x) {
         each_columns(threads, x.rows(), x.cols(), [&](Index b, Index n) {
-            x.middleCols(b, n) = Eigen::Map<Columns<float>>(at + b * x.rows(), x.rows(), n);
+            x.middleCols(b, n) =
+                Eigen::Map<const Columns<float>>(from + b * x.rows(), x.rows(), n);
         });
     }
 
   private:
     static std::size_t bytes(Index n) { return static_cast<std::size_t>(n) * sizeof(float); }
+    /// Room for n numbers that no copy under way reads.
     float* stage(Index n) {
-        room_.reserve(staging_, static_cast<std::size_t>(n));
-        return room_.data();
+        const std::size_t most = used_ + static_cast<std::size_t>(n);
+        if (most > room_.size()) {
+            if (used_ > 0) device.fetch(queue, room_.data(), room_.data(), 0); // waits
+            used_ = 0;
+            room_.reserve(staging_, 2 * most);
+        }
+        float* const at = room_.data() + used_;
+        used_ += static_cast<std::size_t>(n);
+        return at;
     }
     /// f(first, count) for pieces of about 64 KiB.
     template <Threads P, class F>
@@ -73,6 +93,7 @@ class HostTransfer {
 
     CudaQueue staging_;
     DeviceBuffer<float> room_;
+    std::size_t used_ = 0; ///< numbers of it that copies under way may read
 };
 
 /// The number of a pass that ran on a device, in the trace that a host's pass would fill: one array
@@ -136,7 +157,7 @@ class OffloadedNetwork : public OffloadedPasses {
         transfer_.send(threads, points, in.data);
         pass.mlp.forward_into(transfer_.queue, in, out, trace != nullptr);
         Columns<float> y(out.rows, out.cols);
-        transfer_.fetch(threads, out.data, y);
+        Transfer::copy(threads, transfer_.fetch(out.data, y.size()), y);
         if (trace != nullptr) {
             pass.number = number;
             trace->hidden.assign(1, Columns<float>(0, number));
@@ -166,7 +187,7 @@ class OffloadedNetwork : public OffloadedPasses {
             launch_each(transfer_.device, queue, count, PickFirstRow{out.data, outputs, y + b});
         }
         Columns<float> first(1, n);
-        transfer_.fetch(threads, y, first);
+        Transfer::copy(threads, transfer_.fetch(y, n), first);
         return first;
     }
 
@@ -183,23 +204,23 @@ class OffloadedNetwork : public OffloadedPasses {
         const CudaQueue& queue = transfer_.queue;
         const MlpShape& s = m.shape;
         const Index n = g_out.cols(), p = s.point_inputs();
-        const DeviceColumns<float> cotangent = room(transfer_.outputs, s.outputs(), n),
-                                   to_points = room(transfer_.points, p, n);
+        const DeviceColumns<float> cotangent = room(transfer_.outputs, s.outputs(), n);
         transfer_.send(threads, g_out, cotangent.data);
-        gradient_.reserve(queue, size() + 4);
+        const auto numbers = static_cast<Index>(size()),
+                   of_points = g.points != nullptr ? p * n : 0;
+        gradient_.reserve(queue, static_cast<std::size_t>(numbers + of_points) + 4);
         transfer_.device.fill(queue, gradient_.data(), 0, size() * sizeof(float));
-        float* const to_frame = gradient_.data() + size() - padded(s.frame_inputs);
+        const DeviceColumns<float> to_points{gradient_.data() + numbers, p, n};
+        float* const to_frame = to_points.data - padded(s.frame_inputs);
         pass.mlp.vjp_into(
             queue, cotangent,
             {views(gradient_.data()), g.points != nullptr ? to_points : DeviceColumns<float>{},
              g.frame != nullptr && s.frame_inputs > 0 ? to_frame : nullptr});
+        const float* at = transfer_.fetch(gradient_.data(), numbers + of_points);
         if (g.points != nullptr) {
             g.points->resize(p, n);
-            transfer_.fetch(threads, to_points.data, *g.points);
+            Transfer::copy(threads, at + numbers, *g.points);
         }
-        Columns<float> all(1, static_cast<Index>(size()));
-        transfer_.fetch(threads, gradient_.data(), all);
-        const float* at = all.data();
         Network::fields(
             [&](const std::string&, Columns<float>& a) {
                 a += Eigen::Map<const Columns<float>>(at, a.rows(), a.cols());
@@ -275,17 +296,18 @@ class OffloadedNetwork : public OffloadedPasses {
         if (!whole_ || !same(m)) {
             whole_ = false;
             sent_ = m;
-            Columns<float> all = Columns<float>::Zero(1, static_cast<Index>(size()));
-            float* at = all.data();
-            Network::fields(
-                [&](const std::string&, const Columns<float>& a) {
-                    std::copy_n(a.data(), a.size(), at);
-                    at += padded(a.size());
-                },
-                m);
             ++version_;
             parameters_.reserve(queue, size() + 4);
-            transfer_.send(threads, all, parameters_.data());
+            const auto numbers = static_cast<Index>(size());
+            transfer_.send(numbers, parameters_.data(), [&](float* at) {
+                std::fill_n(at, numbers, 0.0F);
+                Network::fields(
+                    [&](const std::string&, const Columns<float>& a) {
+                        std::copy_n(a.data(), a.size(), at);
+                        at += padded(a.size());
+                    },
+                    m);
+            });
             whole_ = true;
         }
         const float* values = nullptr;
