@@ -156,14 +156,14 @@ class LidFitter {
         std::array<LidErrors, 2> all;
         double seen = 0;
         for (int step = 0; step < fit_.steps; ++step) {
-            backend_.threads.run(fit_.batch, [&](Index b) {
-                const auto i = static_cast<std::size_t>(b);
+            backend_.threads.run(2 * fit_.batch, [&](Index task) { // frames, two networks each
+                const auto i = static_cast<std::size_t>(task / 2);
                 const Random random = draws.fork(static_cast<std::uint64_t>(step) *
                                                      static_cast<std::uint64_t>(fit_.batch) +
-                                                 static_cast<std::uint64_t>(b));
+                                                 static_cast<std::uint64_t>(i));
                 const Index which = random.below(0, static_cast<Index>(examples.size()));
-                squares[i] = pull_both(examples[static_cast<std::size_t>(which)], random,
-                                       gradients.cleared(i));
+                pull(examples[static_cast<std::size_t>(which)], random, task % 2 == 0,
+                     gradients.piece(i), squares[i]);
             });
             gradients.add_up(backend_.threads);
             const double decay = std::pow(0.05, static_cast<double>(step) / fit_.steps);
@@ -262,10 +262,10 @@ class LidFitter {
         return e;
     }
 
-    /// Adds the gradients of some of a frame's points; returns the mean squared errors of lids and
-    /// of others.
-    std::array<LidErrors, 2> pull_both(const LidExample<T>& e, const Random& random,
-                                       Networks& gradient) const {
+    /// Sets the gradient of one network, of attributes or of displacements, by some of a frame's
+    /// points, and its mean squared errors of lids and of others.
+    void pull(const LidExample<T>& e, const Random& random, bool attributes, Networks& gradient,
+              std::array<LidErrors, 2>& squares) const {
         const auto count = static_cast<Index>(points_.lids.size());
         std::vector<Index> which = spread(count, fit_.lids, random.uniform(1)), points;
         const auto lids = static_cast<Index>(which.size());
@@ -277,11 +277,11 @@ class LidFitter {
                 e.others[static_cast<std::size_t>(k)])]);
         }
         const FacePart<T> part = all_.of(points);
-        std::array<LidErrors, 2> squares;
-        const auto pull = [&](const auto& field, const Columns<T>& input, Columns<T> sum,
-                              const Columns<T>& wanted, Network& g_network,
-                              double LidErrors::*error) {
+        const auto pull_by = [&](const auto& field, const Columns<T>& input, Columns<T> sum,
+                                 const Columns<T>& wanted, Network& g_network,
+                                 double LidErrors::*error) {
             const auto alone = one_thread(backend_);
+            Network::fields([](const std::string&, auto& a) { a.setZero(); }, g_network);
             FieldTrace<T> trace;
             add_field(alone, field, {input, part.influence, e.expression}, sum, trace);
             sum -= pick_columns(wanted, which);
@@ -293,11 +293,13 @@ class LidFitter {
             const Columns<T> g = T(2.0 / (fit_.batch * static_cast<double>(sum.cols()))) * sum;
             field_vjp(alone, field, {part.influence, e.expression, trace}, g, {&g_network});
         };
-        pull(attributes_of(fitted_), part.feature, Columns<T>::Zero(8, part.position.cols()),
-             e.steps, gradient.attributes, &LidErrors::attributes);
-        pull(deform_of(fitted_), part.code, part.position, e.places, gradient.deform,
-             &LidErrors::place);
-        return squares;
+        if (attributes)
+            pull_by(attributes_of(fitted_), part.feature,
+                    Columns<T>::Zero(8, part.position.cols()), e.steps, gradient.attributes,
+                    &LidErrors::attributes);
+        else
+            pull_by(deform_of(fitted_), part.code, part.position, e.places, gradient.deform,
+                    &LidErrors::place);
     }
 
     const B& backend_;
