@@ -52,8 +52,8 @@ log=$build/Testing/Temporary/LastTest.log
 not_run() { echo "not run: $1" >> "$build/all.log"; }
 case $level in
 "") not_run "all other tests (check.sh --all)" ;;
---all) # vectors of 4 and 8 floats; what takes seconds to a few minutes
-    step "Other lanes and compilers" sh tests/portability.sh libcxx newest bits32 wasm32 ;;
+--all) # what takes a minute
+    step "Other libraries and pointers" sh tests/portability.sh libcxx newest bits32 ;;
 --release)
     step "Other processors, compilers and systems" sh tests/portability.sh
     step "Numerical variants and sanitizers" sh tests/variants.sh

@@ -7,8 +7,8 @@
 #   lanes4    x86-64, vectors of 4 floats
 #   lanes8    x86-64 with AVX2, vectors of 8
 #   lanes16   x86-64 with AVX-512, vectors of 16; it compiles without optimisation too
-#   libcxx    clang and its library libc++, with the tests of readers of files; and clang's
-#             undefined-behaviour sanitizer over every kernel
+#   libcxx    clang and its library libc++, with the tests of readers of files
+#   sanitized clang's undefined-behaviour sanitizer over every kernel
 #   cxx23     C++23, every header with its warnings
 #   debian13  the Eigen and xsimd of Debian 13; where a bare system can be made (tests/bare.sh),
 #             everything is built there by its own compiler, with warnings as errors
@@ -28,7 +28,7 @@ cd "$(dirname "$0")/.."
 . cmake/steps.sh
 . tests/portability/unpack.sh
 
-all="lanes4 lanes8 lanes16 libcxx cxx23 debian13 newest bits32 wasm32 compilers windows aarch64"
+all="lanes4 lanes8 lanes16 libcxx sanitized cxx23 debian13 newest bits32 wasm32 compilers windows aarch64"
 root=$PWD
 work=$root/${BUILD:-build/portability}
 cxx=${CXX:-g++}
@@ -65,6 +65,7 @@ missing() { # TARGET: the Debian packages it needs that are not there
     libcxx)
         [ -n "$(clang)" ] && compiles "$(clang)" -stdlib=libc++ ||
             echo clang libc++-dev libc++abi-dev ;;
+    sanitized) [ -n "$(clang)" ] || echo clang ;;
     bits32)
         compiles $m32 || echo "g++-$gxx_major-multilib"
         [ -z "$(runner32)" ] || has qemu-i386 || echo qemu-user ;;
@@ -205,9 +206,9 @@ target_libcxx() {
         run libcxx "numbers" numbers "" $compiler -O1
         run libcxx "every header" every_header "$(clang) -stdlib=libc++" -std=c++20
         run libcxx "test_core, test_io" unit_tests "" "core io" $compiler -O0
-        run libcxx "numbers, sanitized" sanitized_numbers
     }
 }
+target_sanitized() { run sanitized "numbers" sanitized_numbers; }
 every_header() { # COMPILER FLAGS...
     compiler=$1
     shift

@@ -13,6 +13,8 @@ if(TARGET rye_c)
               ${include}/rye/c/device.h)
     rye_check(torch torch/torch.sh $<TARGET_FILE:rye_device_emulated>)
     set_tests_properties(torch PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 300)
+  else()
+    rye_not_run(c_device "check.sh --release runs it: rye/c/device.h by the emulation, and PyTorch")
   endif()
 endif()
 

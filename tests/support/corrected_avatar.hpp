@@ -52,20 +52,20 @@ inline AvatarTraining<> training_of_nothing() {
 }
 
 /// Draws the sample's pictures by the avatar, driven by the sample's labels.
-inline void draw_truth(const TrainedAvatar<float>& avatar,
-                       AvatarSample<float, TrainedEffects>& s) {
-    const XsimdBackend backend;
-    TwoStreamTrace<float, TrainedEffects> trace;
+inline void draw_truth(const TrainedAvatar<double>& avatar,
+                       AvatarSample<double, TrainedEffects>& s) {
+    const ScalarBackend<Serial> backend;
+    TwoStreamTrace<double, TrainedEffects> trace;
     drive(backend, avatar, {tiny_config(), tiny_roles(), s.drivers}, trace);
-    const VecX<float> white = s.background;
+    const VecX<double> white = s.background;
     const auto small = Rasterizer<FeaturesOnly<Balanced>>{}
                            .forward(backend, trace.gaussians, s.camera, white)
                            .feature;
-    s.truth_small = Image<float>(small.width, small.height, 3);
+    s.truth_small = Image<double>(small.width, small.height, 3);
     s.truth_small.pixels = small.pixels.topRows(3);
-    s.visible_small = s.mask_small = s.eyes_small = Columns<float>::Ones(1, s.truth_small.size());
+    s.visible_small = s.mask_small = s.eyes_small = Columns<double>::Ones(1, s.truth_small.size());
     s.truth = upsampler_forward(backend, avatar.upsampler, small, nullptr);
-    s.visible = s.eyes = Columns<float>::Ones(1, s.truth.size());
+    s.visible = s.eyes = Columns<double>::Ones(1, s.truth.size());
     s.scale = {};
 }
 

@@ -27,7 +27,7 @@ TEST_CASE("corrected gazes: their gradient is the transpose of their duals") {
     const auto sample = tiny_sample<double, TrainedEffects>(Draw{{9, 0}});
     Avatar<double> own = avatar, gradient = zeros_like(avatar);
     Adam<Avatar<double>> adam(own);
-    AvatarTrainer trainer{ScalarBackend<>{}, own, adam, training_of_corrections()};
+    AvatarTrainer trainer{ScalarBackend<Serial>{}, own, adam, training_of_corrections()};
     trainer.losses(sample.drivers, sample);
     trainer.add_gradient(sample.drivers, sample, gradient);
     Draw draw{{4, 1}};
@@ -36,7 +36,7 @@ TEST_CASE("corrected gazes: their gradient is the transpose of their duals") {
     for (Index i = 0; i < direction.size(); ++i)
         dual.delta_gaze.data()[i].d[0] = direction.data()[i];
     Adam<Avatar<D>> dual_adam(dual);
-    AvatarTrainer dual_trainer{ScalarBackend<>{}, dual, dual_adam, training_of_corrections()};
+    AvatarTrainer dual_trainer{ScalarBackend<Serial>{}, dual, dual_adam, training_of_corrections()};
     const auto dual_sample = tiny_sample<D, TrainedEffects>(Draw{{9, 0}});
     const double by_dual = dual_trainer.losses(dual_sample.drivers, dual_sample).total.d[0];
     const double by_vjp = gradient.delta_gaze.cwiseProduct(direction).sum();
@@ -57,7 +57,7 @@ TEST_CASE("corrections: what frames have in common is taken off by steps that ar
         t.rates.delta_gaze = 1e-4;
         Avatar<double> avatar = corrected_avatar();
         Adam<Avatar<double>> adam(avatar);
-        AvatarTrainer trainer{ScalarBackend<>{}, avatar, adam, t};
+        AvatarTrainer trainer{ScalarBackend<Serial>{}, avatar, adam, t};
         double& bias = avatar.upsampler.out_bias(1, 0);
         const double finite = std::exchange(bias, std::numeric_limits<double>::quiet_NaN());
         CHECK(!trainer.step(sample).adam.applied);
@@ -75,50 +75,49 @@ TEST_CASE("corrections: what frames have in common is taken off by steps that ar
     Avatar<double> wrong = corrected_avatar();
     Adam<Avatar<double>> adam(wrong);
     wrong.eyes.kappa.resize(0, 0);
-    CHECK_FAULT((AvatarTrainer{ScalarBackend<>{}, wrong, adam, training_of_corrections()}),
+    CHECK_FAULT((AvatarTrainer{ScalarBackend<Serial>{}, wrong, adam, training_of_corrections()}),
                 "delta_gaze needs a kappa");
     wrong = corrected_avatar();
     wrong.delta_gaze.resize(4, 3);
-    CHECK_FAULT((AvatarTrainer{ScalarBackend<>{}, wrong, adam, training_of_corrections()}),
+    CHECK_FAULT((AvatarTrainer{ScalarBackend<Serial>{}, wrong, adam, training_of_corrections()}),
                 "delta_gaze is 4 x 3, expected 4 x 2");
 }
 
 TEST_CASE("corrected gazes: wrong labels come back, and their mean over frames stays 0") {
-    const XsimdBackend backend;
-    Avatar<float> truth = lifted<float>(corrected_avatar());
+    Avatar<double> truth = corrected_avatar();
     truth.eyes.kappa.setZero();
     truth.delta_gaze.setZero();
     truth.delta_pose.setZero();
     const auto at = [&](Index frame) {
-        auto s = tiny_sample<float, TrainedEffects>(Draw{{9, 0}});
+        auto s = tiny_sample<double, TrainedEffects>(Draw{{9, 0}});
         s.frame = frame;
-        s.camera = tiny_camera(24, 18).cast<float>();
-        s.drivers.gaze = {gaze_vector(0.1F, 0.1F * float(frame)),
-                          gaze_vector(-0.1F, 0.05F - 0.1F * float(frame))};
+        s.camera = tiny_camera(24, 18);
+        s.drivers.gaze = {gaze_vector(0.1, 0.1 * double(frame)),
+                          gaze_vector(-0.1, 0.05 - 0.1 * double(frame))};
         return s;
     };
     const Index frames = truth.delta_pose.cols();
-    std::vector<AvatarSample<float, TrainedEffects>> samples;
+    std::vector<AvatarSample<double, TrainedEffects>> samples;
     for (Index f = 0; f < frames; ++f) {
         auto s = at(f);
         draw_truth(truth, s);
         samples.push_back(s);
     }
     // Labels that are off by up to 4 degrees, their errors 0 on average.
-    Columns<float> error(4, frames);
-    for (Index f = 0; f < frames; ++f) error.col(f) << 0.07F, -0.05F, 0.06F, 0.04F;
+    Columns<double> error(4, frames);
+    for (Index f = 0; f < frames; ++f) error.col(f) << 0.07, -0.05, 0.06, 0.04;
     for (Index f = 0; f < frames; f += 2) error.col(f) *= -1;
     error.colwise() -= error.rowwise().mean().eval();
-    Avatar<float> avatar = truth;
-    Adam<Avatar<float>> adam(avatar);
+    Avatar<double> avatar = truth;
+    Adam<Avatar<double>> adam(avatar);
     AvatarTraining<> t = training_of_nothing();
     t.rates.delta_gaze = 3e-3;
-    AvatarTrainer trainer{backend, avatar, adam, t};
+    AvatarTrainer trainer{ScalarBackend<Serial>{}, avatar, adam, t};
     const auto labelled = [&](Index frame) {
         auto s = samples[static_cast<std::size_t>(frame)];
         for (std::size_t eye = 0; eye < 2; ++eye) {
             const Index row = 2 * static_cast<Index>(eye);
-            s.drivers.gaze[eye] = apply_kappa<float>(
+            s.drivers.gaze[eye] = apply_kappa<double>(
                 s.drivers.gaze[eye], {error(row, s.frame), error(row + 1, s.frame)});
         }
         return s;
@@ -127,9 +126,9 @@ TEST_CASE("corrected gazes: wrong labels come back, and their mean over frames s
         const auto s = labelled(frame);
         return trainer.losses(s.drivers, s).total;
     };
-    const float wrong = loss(0);
+    const double wrong = loss(0);
     avatar.delta_gaze = -error;
-    CHECK(loss(0) < 1e-3F * wrong);
+    CHECK(loss(0) < 1e-3 * wrong);
     avatar.delta_gaze.setZero();
     for (Index step = 0; step < 160; ++step) {
         const auto s = labelled(step % frames);
@@ -137,8 +136,8 @@ TEST_CASE("corrected gazes: wrong labels come back, and their mean over frames s
     }
     CAPTURE(avatar.delta_gaze);
     CAPTURE(error);
-    CHECK(loss(0) < 0.2F * wrong);
-    CHECK((avatar.delta_gaze + error).cwiseAbs().maxCoeff() <= 0.01F);
-    CHECK(avatar.delta_gaze.rowwise().mean().cwiseAbs().maxCoeff() <= 1e-6F);
+    CHECK(loss(0) < 0.2 * wrong);
+    CHECK((avatar.delta_gaze + error).cwiseAbs().maxCoeff() <= 0.01);
+    CHECK(avatar.delta_gaze.rowwise().mean().cwiseAbs().maxCoeff() <= 1e-6);
     CHECK(avatar.eyes.kappa.isZero(0));
 }

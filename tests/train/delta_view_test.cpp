@@ -36,7 +36,7 @@ TEST_CASE("corrected cameras: their gradient is the transpose of their duals") {
     sample.view = seen<double>(1);
     TwoStream<double, E> own = avatar, gradient = zeros_like(avatar);
     Adam<TwoStream<double, E>> adam(own);
-    AvatarTrainer trainer{ScalarBackend<>{}, own, adam, training_of_corrections()};
+    AvatarTrainer trainer{ScalarBackend<Serial>{}, own, adam, training_of_corrections()};
     trainer.losses(sample.drivers, sample);
     trainer.add_gradient(sample.drivers, sample, gradient);
     Draw draw{{4, 1}};
@@ -45,7 +45,7 @@ TEST_CASE("corrected cameras: their gradient is the transpose of their duals") {
     for (Index i = 0; i < of_view.size(); ++i) dual.delta_view.data()[i].d[0] = of_view.data()[i];
     for (Index i = 0; i < 6; ++i) dual.delta_pose(i, sample.frame).d[0] = of_pose(i);
     Adam<TwoStream<D, E>> dual_adam(dual);
-    AvatarTrainer dual_trainer{ScalarBackend<>{}, dual, dual_adam, training_of_corrections()};
+    AvatarTrainer dual_trainer{ScalarBackend<Serial>{}, dual, dual_adam, training_of_corrections()};
     auto dual_sample = tiny_sample<D, E>(Draw{{9, 0}});
     dual_sample.view = seen<D>(1);
     const double by_dual = dual_trainer.losses(dual_sample.drivers, dual_sample).total.d[0];
@@ -59,7 +59,7 @@ TEST_CASE("corrected cameras: their gradient is the transpose of their duals") {
 }
 
 TEST_CASE("corrected cameras: a moved head is seen as by the camera that is moved back") {
-    const ScalarBackend<> backend;
+    const ScalarBackend<Serial> backend;
     const TwoStream<double, E> avatar = corrected_avatar();
     const auto sample = tiny_sample<double, E>(Draw{{9, 0}});
     const auto drawn = [&](const SeenBy<double>& view, const Pinhole<double>& camera) {
@@ -151,7 +151,7 @@ TEST_CASE("corrected cameras: steps that are applied take off what they share; f
     t.rates.delta_view = 1e-4;
     TwoStream<double, E> avatar = corrected_avatar();
     Adam<TwoStream<double, E>> adam(avatar);
-    AvatarTrainer trainer{ScalarBackend<>{}, avatar, adam, t};
+    AvatarTrainer trainer{ScalarBackend<Serial>{}, avatar, adam, t};
     double& bias = avatar.upsampler.out_bias(1, 0);
     const double finite = std::exchange(bias, std::numeric_limits<double>::quiet_NaN());
     CHECK(!trainer.step(sample).adam.applied);
@@ -169,56 +169,55 @@ TEST_CASE("corrected cameras: steps that are applied take off what they share; f
         AvatarTraining<> bad = training_of_corrections();
         if (length == 1.0) bad.view_directions.resize(3, 2);
         else bad.view_directions *= length;
-        CHECK_FAULT((AvatarTrainer{ScalarBackend<>{}, avatar, adam, bad}),
+        CHECK_FAULT((AvatarTrainer{ScalarBackend<Serial>{}, avatar, adam, bad}),
                     length == 1.0 ? "view_directions is 3 x 2, expected 3 x 3"
                                   : "column 0 of view_directions has length 2, expected 1");
     }
     TwoStream<double, E> wrong = corrected_avatar();
     wrong.delta_view.resize(5, 3);
-    CHECK_FAULT((AvatarTrainer{ScalarBackend<>{}, wrong, adam, training_of_corrections()}),
+    CHECK_FAULT((AvatarTrainer{ScalarBackend<Serial>{}, wrong, adam, training_of_corrections()}),
                 "delta_view has 5 rows, expected 6");
 }
 
 TEST_CASE("corrected cameras: wrong ones come back") {
-    const XsimdBackend backend;
-    TwoStream<float, E> truth = lifted<float>(corrected_avatar());
+    TwoStream<double, E> truth = corrected_avatar();
     truth.delta_view.setZero();
     truth.delta_pose.setZero();
     // Rotations of up to a degree, shifts of up to 2 % of the unit, 0 on average.
-    Columns<float> error(6, cameras);
-    error << 0.015F, -0.01F, -0.005F, 0.01F, 0.005F, -0.015F, -0.01F, 0.015F, -0.005F, //
-        0.02F, -0.01F, -0.01F, -0.01F, 0.02F, -0.01F, 0.01F, 0.01F, -0.02F;
-    std::vector<AvatarSample<float, E>> samples;
+    Columns<double> error(6, cameras);
+    error << 0.015, -0.01, -0.005, 0.01, 0.005, -0.015, -0.01, 0.015, -0.005, //
+        0.02, -0.01, -0.01, -0.01, 0.02, -0.01, 0.01, 0.01, -0.02;
+    std::vector<AvatarSample<double, E>> samples;
     for (Index k = 0; k < cameras; ++k) {
-        auto s = tiny_sample<float, E>(Draw{{9, 0}});
+        auto s = tiny_sample<double, E>(Draw{{9, 0}});
         s.frame = -1;
-        s.view = seen<float>(k);
-        s.camera = tiny_camera(24, 18).cast<float>();
+        s.view = seen<double>(k);
+        s.camera = tiny_camera(24, 18);
         draw_truth(truth, s);
         // The label: the camera after the error, which the correction must take back.
-        s.camera = seen_camera<float>(s.camera, error.col(k), s.view.pivot);
+        s.camera = seen_camera<double>(s.camera, error.col(k), s.view.pivot);
         samples.push_back(s);
     }
-    TwoStream<float, E> avatar = truth;
-    Adam<TwoStream<float, E>> adam(avatar);
+    TwoStream<double, E> avatar = truth;
+    Adam<TwoStream<double, E>> adam(avatar);
     AvatarTraining<> t = training_of_nothing();
     t.rates.delta_view = 1e-3;
     const Vec3<double> from = tiny_camera(24, 18).centre() - seen<double>(0).pivot;
     t.view_directions = from.normalized().replicate(1, cameras); // all are one camera
-    AvatarTrainer trainer{backend, avatar, adam, t};
+    AvatarTrainer trainer{ScalarBackend<Serial>{}, avatar, adam, t};
     const auto loss = [&] {
-        float sum = 0;
+        double sum = 0;
         for (const auto& s : samples) sum += trainer.losses(s.drivers, s).total;
         return sum;
     };
-    const float wrong = loss();
+    const double wrong = loss();
     avatar.delta_view = -error; // to first order
-    CHECK(loss() < 0.05F * wrong);
+    CHECK(loss() < 0.05 * wrong);
     avatar.delta_view.setZero();
     for (Index step = 0; step < 240; ++step) {
         const auto& s = samples[static_cast<std::size_t>(step % cameras)];
         trainer.step(s.drivers, s, step < 150 ? 1 : 0.2);
     }
     CAPTURE(avatar.delta_view);
-    CHECK(loss() < 0.1F * wrong);
+    CHECK(loss() < 0.1 * wrong);
 }

@@ -67,7 +67,7 @@ DensityConfig even(double grow = 0.1) {
     return c;
 }
 
-const ScalarBackend<> backend;
+const ScalarBackend<Serial> backend;
 
 } // namespace
 

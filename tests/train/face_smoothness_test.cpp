@@ -41,7 +41,7 @@ TEST_CASE("neighbours of the face: by a grid those of all pairs, with ties, on a
         CHECK(graph == four_nearest_by_grid(ScalarBackend<ThreadPool::Handle>{pool.threads()},
                                             points));
     }
-    CHECK_FAULT(four_nearest_by_grid(ScalarBackend<>{}, Columns<float>(line.leftCols(4))),
+    CHECK_FAULT(four_nearest_by_grid(ScalarBackend<Serial>{}, Columns<float>(line.leftCols(4))),
                 "got 4 points, expected at least 5");
 }
 
@@ -50,14 +50,14 @@ TEST_CASE("neighbours of the face: the other side's, and its own where that is n
     points << -1, 1.1, 0, 5, -2, //
         2, 2, 2, 2, 2,           //
         3, 3, 3, 3, 3;
-    const NeighbourGraph graph = mirrored_nearest(ScalarBackend<>{}, points);
+    const NeighbourGraph graph = mirrored_nearest(ScalarBackend<Serial>{}, points);
     CHECK(graph[0] == std::array<Index, 4>{1, 0, 0, 0});
     CHECK(graph[1] == std::array<Index, 4>{0, 1, 1, 1});
     CHECK(graph[2] == std::array<Index, 4>{2, 2, 2, 2});
     CHECK(graph[3] == std::array<Index, 4>{4, 3, 3, 3}); // mirrored beyond all points
     CHECK(graph[4] == std::array<Index, 4>{1, 4, 4, 4});
     const Columns<double> cloud = random_columns<double>(3, 900, 5);
-    const NeighbourGraph of_cloud = mirrored_nearest(ScalarBackend<>{}, cloud);
+    const NeighbourGraph of_cloud = mirrored_nearest(ScalarBackend<Serial>{}, cloud);
     for (Index i = 0; i < cloud.cols(); ++i) {
         const Vec3<double> across(-cloud(0, i), cloud(1, i), cloud(2, i));
         Index nearest = 0;
@@ -68,7 +68,7 @@ TEST_CASE("neighbours of the face: the other side's, and its own where that is n
     Columns<double> two(3, 2), values(1, 2);
     two << -1, 1, 0, 0, 0, 0;
     values << 0, 1;
-    CHECK(smoothness(values, mirrored_nearest(ScalarBackend<>{}, two)).value == 1);
+    CHECK(smoothness(values, mirrored_nearest(ScalarBackend<Serial>{}, two)).value == 1);
 }
 
 TEST_CASE("priors of the face: gradients are those of differences, weights of 0 do nothing") {
@@ -79,7 +79,7 @@ TEST_CASE("priors of the face: gradients are those of differences, weights of 0 
         const double smooth = w.face_smooth, mirror = w.face_mirror;
         CAPTURE(smooth);
         CAPTURE(mirror);
-        const FaceNeighbours n = face_neighbours(ScalarBackend<>{}, points, w);
+        const FaceNeighbours n = face_neighbours(ScalarBackend<Serial>{}, points, w);
         CHECK((n.near.empty() == (smooth == 0) && n.mirror.empty() == (mirror == 0)));
         const FaceSmoothness prior(w, n, points.cols());
         const auto total = [&](AvatarLosses<double>& l) {
@@ -110,11 +110,11 @@ TEST_CASE("priors of the face: in a step they add their gradient to the features
     const TwoStream<double> start = tiny_avatar(tiny_config(), draw);
     const AvatarSample<double> sample = tiny_sample<double>(Draw{{9, 0}});
     const AvatarLossConfig on = weights_of(0.7, 0.4);
-    const FaceNeighbours n = face_neighbours(ScalarBackend<>{}, start.face.position, on);
+    const FaceNeighbours n = face_neighbours(ScalarBackend<Serial>{}, start.face.position, on);
     const auto stepped = [&](const AvatarLossConfig& weights, const FaceNeighbours& neighbours) {
         TwoStream<double> avatar = start;
         Adam<TwoStream<double>> adam(avatar);
-        AvatarTrainer trainer{ScalarBackend<>{}, avatar, adam, training_of(weights, neighbours)};
+        AvatarTrainer trainer{ScalarBackend<Serial>{}, avatar, adam, training_of(weights, neighbours)};
         const AvatarLosses<double> losses = trainer.step(sample).losses;
         return std::pair{losses, adam.m};
     };
@@ -142,7 +142,7 @@ TEST_CASE("priors of the face: graphs that do not fit are refused") {
     TwoStream<double> avatar = tiny_avatar(tiny_config(), draw);
     Adam<TwoStream<double>> adam(avatar);
     const auto trainer = [&](const AvatarLossConfig& w, const FaceNeighbours& n) {
-        AvatarTrainer{ScalarBackend<>{}, avatar, adam, training_of(w, n)};
+        AvatarTrainer{ScalarBackend<Serial>{}, avatar, adam, training_of(w, n)};
     };
     CHECK_FAULT(trainer(weights_of(0.5, 0), {}),
                 "weights.face_smooth is 0.5 and its graph has 0 points, expected those of the");

@@ -62,7 +62,7 @@ struct Subject {
         d.pose.setZero();
         d.scale = 1;
         TwoStreamTrace<double> trace;
-        drive(ScalarBackend<>{}, a, {config, roles, d}, trace);
+        drive(ScalarBackend<Serial>{}, a, {config, roles, d}, trace);
         Gaussians<double> face = trace.gaussians;
         const Index n = a.face.position.cols();
         Gaussians<double>::fields([&](const std::string&, Columns<double>& c) {
@@ -109,7 +109,7 @@ TEST_CASE("lids that a blink takes into an eyeball are put before it") {
 TEST_CASE("points of lids have their neighbours among those around") {
     Draw draw;
     const Columns<double> at = draw.columns(3, 60, 1);
-    const NeighbourGraph graph = four_nearest_by_grid(ScalarBackend<>{}, at);
+    const NeighbourGraph graph = four_nearest_by_grid(ScalarBackend<Serial>{}, at);
     std::vector<Index> moved;
     std::vector<double> growth;
     for (Index i = 0; i < 60; ++i) {
@@ -153,7 +153,7 @@ TEST_CASE("lids that are fitted grow as they close, and nothing else changes") {
     Index lids = 1000;
     SUBCASE("all of them in each frame") {}
     SUBCASE("a few of them") { lids = 5; }
-    const FittedLids result = subject.fit(ScalarBackend<>{}, fitted, 1500, {blink}, lids);
+    const FittedLids result = subject.fit(ScalarBackend<Serial>{}, fitted, 1500, {blink}, lids);
     CHECK(result.points > 5);
     CHECK(result.points < subject.avatar.face.position.cols() - 5);
     CAPTURE(result.lids.attributes);
@@ -167,11 +167,11 @@ TEST_CASE("lids that are fitted grow as they close, and nothing else changes") {
                             closed_fitted = subject.driven(fitted, 1);
     // How much of what neighbours ask for the scales have grown by.
     const NeighbourGraph near =
-        four_nearest_by_grid(ScalarBackend<>{}, subject.avatar.face.position);
+        four_nearest_by_grid(ScalarBackend<Serial>{}, subject.avatar.face.position);
     const std::vector<double> growth =
         detail::growth_of<double>(closed_fitted.mean, open_fitted.mean, near, 6);
     const Columns<double> influence =
-        detail::whole_face<double>(ScalarBackend<>{}, subject.avatar.face, subject.config,
+        detail::whole_face<double>(ScalarBackend<Serial>{}, subject.avatar.face, subject.config,
                                    subject.roles).influence;
     double asked = 0, had = 0, has = 0;
     for (Index i = 0; i < open.count(); ++i) {
@@ -202,10 +202,10 @@ TEST_CASE("fit of lids: nothing without steps or blinks, the same bits by any nu
         return all;
     };
     TwoStream<double> a = subject.avatar;
-    CHECK(subject.fit(ScalarBackend<>{}, a, 0).points == 0);
-    CHECK(subject.fit(ScalarBackend<>{}, a, 5, {}).points == 0);
+    CHECK(subject.fit(ScalarBackend<Serial>{}, a, 0).points == 0);
+    CHECK(subject.fit(ScalarBackend<Serial>{}, a, 5, {}).points == 0);
     CHECK(bits(a) == bits(subject.avatar));
-    subject.fit(ScalarBackend<>{}, a, 5);
+    subject.fit(ScalarBackend<Serial>{}, a, 5);
     CHECK(bits(a) != bits(subject.avatar));
     ThreadPool pool(3);
     TwoStream<double> b = subject.avatar;
