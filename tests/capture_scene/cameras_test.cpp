@@ -6,6 +6,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <string>
 
 #include <doctest/doctest.h>
@@ -13,6 +14,7 @@
 #include <rye/math/rotation.hpp>
 
 #include "corrections/camera_fit.hpp"
+#include "corrections/point_equations.hpp"
 #include "corrections/skin_positions.hpp"
 #include "data/changed_labels.hpp"
 #include "data/corrected_cameras.hpp"
@@ -384,5 +386,46 @@ TEST_CASE("cameras: points that pictures show displaced turn, shift and scale a 
             const Vec3<double> x = points.col(p);
             CHECK((found.project_point(x) - truth[c].project_point(x)).head<2>().norm() < 0.3);
         }
+    }
+}
+
+TEST_CASE("point equations: steps and products are those of the whole matrix") {
+    for (const Index shared : {0, 9}) {
+        CAPTURE(shared);
+        constexpr Index points = 5;
+        VecX<double> x(shared + 3 * points);
+        for (Index i = 0; i < x.size(); ++i) x[i] = std::sin(1.7 * double(i));
+        PointEquations e(x, shared);
+        NormalEquations<double> whole{x.squaredNorm(), Columns<double>::Identity(x.size(), x.size()),
+                                      x};
+        for (Index r = 0; r < 60; ++r) { // residuals of a point and a third of the shared unknowns
+            const Index p = r % points, s = shared == 0 ? 0 : 3 * (r % 3);
+            VecX<double> j = VecX<double>::Zero(x.size());
+            for (Index i = 0; i < 3; ++i) {
+                j[shared + 3 * p + i] = std::cos(double(r) + 2.1 * double(i));
+                if (shared > 0) j[s + i] = std::sin(1.3 * double(r) + double(i));
+            }
+            const double residual = std::cos(0.7 * double(r));
+            whole.matrix += j * j.transpose();
+            whole.gradient += residual * j;
+            const Vec3<double> own = j.segment<3>(shared + 3 * p);
+            e.points[static_cast<std::size_t>(p)] += own * own.transpose();
+            e.shared += j.head(shared) * j.head(shared).transpose();
+            e.tied.middleCols<3>(3 * p) += j.head(shared) * own.transpose();
+            e.gradient += residual * j;
+        }
+        CHECK(e.finite());
+        for (const double damping : {0.0, 0.5}) {
+            VecX<double> d, wanted;
+            REQUIRE(e.step(damping, d));
+            REQUIRE(whole.step(damping, wanted));
+            CHECK((d - wanted).norm() <= 1e-12 * wanted.norm());
+            CHECK((e.times(d) - whole.times(d)).norm() <= 1e-12 * whole.times(d).norm());
+        }
+        e.points[2] *= -1;
+        VecX<double> d;
+        CHECK_FALSE(e.step(0, d));
+        e.points[2](0, 0) = std::numeric_limits<double>::quiet_NaN();
+        CHECK_FALSE(e.finite());
     }
 }

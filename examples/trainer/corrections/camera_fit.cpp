@@ -3,8 +3,9 @@
 
 #include <cmath>
 
-#include <rye/math/levenberg.hpp>
 #include <rye/math/rotation.hpp>
+
+#include "corrections/point_equations.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -28,7 +29,7 @@ class Fit {
         LevenbergSettings settings;
         settings.steps = 30;
         settings.tolerance = 1e-7;
-        return levenberg(
+        return levenberg<double>(
                    start, settings, [&](const VecX<double>& x) { return linearized(x); },
                    [&](const VecX<double>& x) { return cost(x); })
             .x;
@@ -93,24 +94,22 @@ class Fit {
         return d;
     }
 
-    NormalEquations<double> linearized(const VecX<double>& x) const {
-        NormalEquations<double> n;
+    PointEquations linearized(const VecX<double>& x) const {
+        PointEquations n(x, first_point_);
         n.cost = cost(x);
-        n.matrix = Columns<double>::Identity(x.size(), x.size());
-        n.gradient = x;
         for (const SeenPoint& s : seen_) {
             const Vec2<double> r = off(x, s) / s.sigma;
             const double w = weight(r.squaredNorm());
             const Mat<double, 2, of_camera + 3> d = derivatives(x, s) / s.sigma;
             const auto camera = d.leftCols<of_camera>();
             const auto point = d.rightCols<3>();
-            const Index p = first_point_ + 3 * static_cast<Index>(s.point);
-            n.matrix.block<3, 3>(p, p) += w * point.transpose() * point;
-            n.gradient.segment<3>(p) += w * point.transpose() * r;
+            const Index p = 3 * static_cast<Index>(s.point);
+            n.points[static_cast<std::size_t>(s.point)] += w * point.transpose() * point;
+            n.gradient.segment<3>(first_point_ + p) += w * point.transpose() * r;
             if (first_point_ == 0) continue;
             const Index k = of_camera * static_cast<Index>(s.camera);
-            n.matrix.block<of_camera, of_camera>(k, k) += w * camera.transpose() * camera;
-            n.matrix.block<3, of_camera>(p, k) += w * point.transpose() * camera;
+            n.shared.block<of_camera, of_camera>(k, k) += w * camera.transpose() * camera;
+            n.tied.block<of_camera, 3>(k, p) += w * camera.transpose() * point;
             n.gradient.segment<of_camera>(k) += w * camera.transpose() * r;
         }
         return n;

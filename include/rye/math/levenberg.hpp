@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/math/levenberg.hpp: least squares by Gauss-Newton steps with Levenberg's damping, for up to
-/// some hundred unknowns: the caller sums J^T J, and no Jacobian is kept.
+/// some hundred unknowns: the caller sums J^T J, and no Jacobian is kept. More unknowns are solved
+/// for where the caller's equations know how their matrix is made (LeastSquaresEquations).
 ///     const auto found = levenberg(start, settings, linearized, cost);
 ///     found.x, covariance(found.at.matrix)
 /// The damping is Marquardt's, relative to the matrix's diagonal.
@@ -10,7 +11,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <concepts>
 #include <string>
+#include <type_traits>
 
 #include <rye/core/eigen.hpp>
 
@@ -29,6 +32,32 @@ struct NormalEquations {
     T cost = T(0);
     Columns<T> matrix; ///< J^T J, n x n; only its lower half is read
     VecX<T> gradient;  ///< J^T r, n
+
+    bool finite() const { return matrix.allFinite() && gradient.allFinite(); }
+    /// Sets d = -(matrix + damping diagonal)^-1 gradient; returns false, and sets nothing, where
+    /// that matrix is not positive definite.
+    bool step(const T& damping, VecX<T>& d) const {
+        Columns<T> damped = matrix;
+        damped.diagonal() += damping * matrix.diagonal();
+        const Eigen::LLT<Columns<T>> factor(damped);
+        if (factor.info() != Eigen::Success) return false;
+        d = -factor.solve(gradient);
+        return true;
+    }
+    /// Returns matrix d.
+    VecX<T> times(const VecX<T>& d) const {
+        return matrix.template selfadjointView<Eigen::Lower>() * d;
+    }
+};
+
+/// Equations near a point: its cost and gradient, steps that are damped, and products with J^T J.
+template <class E, class T>
+concept LeastSquaresEquations = requires(const E& e, VecX<T>& d) {
+    { e.cost } -> std::convertible_to<T>;
+    { e.gradient } -> std::convertible_to<const VecX<T>&>;
+    { e.finite() } -> std::same_as<bool>;
+    { e.step(T(0), d) } -> std::same_as<bool>;
+    { e.times(d) } -> std::convertible_to<VecX<T>>;
 };
 
 /// When steps end, and how far they go.
@@ -42,11 +71,11 @@ struct LevenbergSettings {
 };
 
 /// What the steps led to.
-template <Real T>
+template <Real T, LeastSquaresEquations<T> E = NormalEquations<T>>
 struct LevenbergResult {
     VecX<T> x;
     T first_cost = T(0);
-    NormalEquations<T> at; ///< of x
+    E at;                  ///< of x
     int steps = 0;         ///< taken
     int refused = 0;       ///< trials that made the cost larger, or not finite
     bool settled = false;  ///< the last step changed little, or none makes the cost smaller
@@ -63,35 +92,31 @@ Columns<T> covariance(const Columns<T>& matrix) {
     return factor.solve(Columns<T>::Identity(matrix.rows(), matrix.cols()));
 }
 
-/// Minimises a sum of squares from `start` on. linearized(x) returns its NormalEquations, cost(x)
-/// its value alone. A trial whose cost is not finite is refused as one whose cost is larger is.
+/// Minimises a sum of squares from `start` on. linearized(x) returns its NormalEquations, or others
+/// that are LeastSquaresEquations; cost(x) its value alone. A trial whose cost is not finite is refused as one whose cost is larger is.
 /// Throws Error if the cost, the matrix or the gradient is not finite at a point that it stands on.
 template <Real T, class Linearized, class Cost>
-LevenbergResult<T> levenberg(const VecX<T>& start, const LevenbergSettings& settings,
-                             Linearized&& linearized, Cost&& cost) {
-    LevenbergResult<T> r;
+auto levenberg(const VecX<T>& start, const LevenbergSettings& settings, Linearized&& linearized,
+               Cost&& cost) {
+    LevenbergResult<T, std::invoke_result_t<Linearized&, const VecX<T>&>> r;
     r.x = start;
     const auto stand = [&] {
         r.at = linearized(r.x);
         require(std::isfinite(r.at.cost), "levenberg",
                 "step " + std::to_string(r.steps) + ": the sum of squares is " +
                     number_text(r.at.cost) + ", expected a finite number");
-        require(r.at.matrix.allFinite() && r.at.gradient.allFinite(), "levenberg",
+        require(r.at.finite(), "levenberg",
                 "step " + std::to_string(r.steps) + ": a derivative is not finite");
     };
     stand();
     r.first_cost = r.at.cost;
     double damping = settings.damping;
     while (r.steps < settings.steps && !r.settled) {
-        Columns<T> damped = r.at.matrix;
-        damped.diagonal() += T(damping) * r.at.matrix.diagonal();
-        const Eigen::LLT<Columns<T>> factor(damped);
         VecX<T> d;
         T tried = T(0), expected = T(0);
-        bool smaller = factor.info() == Eigen::Success;
+        bool smaller = r.at.step(T(damping), d);
         if (smaller) {
-            d = -factor.solve(r.at.gradient);
-            const VecX<T> md = r.at.matrix.template selfadjointView<Eigen::Lower>() * d;
+            const VecX<T> md = r.at.times(d);
             expected = -(T(2) * d.dot(r.at.gradient) + d.dot(md));
             tried = cost(VecX<T>(r.x + d));
             smaller = std::isfinite(tried) && tried < r.at.cost;
