@@ -96,9 +96,9 @@ struct LidNetworks {
         nested_fields<Network>("attributes", f, p.attributes...);
         nested_fields<Network>("deform", f, p.deform...);
     }
-    static auto arrays(LidNetworks& n) {
-        std::vector<std::remove_reference_t<decltype(n.deform.weight.front())>*> all;
-        fields([&](const std::string&, auto& a) { all.push_back(&a); }, n);
+    static auto arrays_of(Network& n) {
+        std::vector<std::remove_reference_t<decltype(n.weight.front())>*> all;
+        Network::fields([&](const std::string&, auto& a) { all.push_back(&a); }, n);
         return all;
     }
 };
@@ -150,22 +150,26 @@ class LidFitter {
         });
         Networks sum = zeros_like(fitted_);
         Adam<Networks> adam(fitted_);
-        GradientPieces<Networks, T> gradients(sum, static_cast<std::size_t>(fit_.batch),
-                                              &Networks::arrays);
-        std::vector<std::array<LidErrors, 2>> squares(static_cast<std::size_t>(fit_.batch));
+        // Displacements have the wider network: half of a frame's points a task.
+        const auto frames = static_cast<std::size_t>(fit_.batch);
+        GradientPieces<Network, T> of_attributes(sum.attributes, frames, &Networks::arrays_of),
+            of_deform(sum.deform, 2 * frames, &Networks::arrays_of);
+        std::vector<std::array<LidErrors, 2>> squares(3 * frames);
         std::array<LidErrors, 2> all;
         double seen = 0;
         for (int step = 0; step < fit_.steps; ++step) {
-            backend_.threads.run(2 * fit_.batch, [&](Index task) { // frames, two networks each
-                const auto i = static_cast<std::size_t>(task / 2);
+            backend_.threads.run(3 * fit_.batch, [&](Index task) {
+                const auto at = static_cast<std::size_t>(task), i = at / 3, part = at % 3;
                 const Random random = draws.fork(static_cast<std::uint64_t>(step) *
                                                      static_cast<std::uint64_t>(fit_.batch) +
                                                  static_cast<std::uint64_t>(i));
                 const Index which = random.below(0, static_cast<Index>(examples.size()));
-                pull(examples[static_cast<std::size_t>(which)], random, task % 2 == 0,
-                     gradients.piece(i), squares[i]);
+                pull(examples[static_cast<std::size_t>(which)], random, part,
+                     part == 0 ? of_attributes.cleared(i) : of_deform.cleared(2 * i + part - 1),
+                     squares[at]);
             });
-            gradients.add_up(backend_.threads);
+            of_attributes.add_up(backend_.threads);
+            of_deform.add_up(backend_.threads);
             const double decay = std::pow(0.05, static_cast<double>(step) / fit_.steps);
             adam_step(backend_, fitted_, sum, adam, [&](const std::string& name) {
                 return decay * (name.starts_with("deform") ? fit_.deform_rate : fit_.rate);
@@ -173,7 +177,7 @@ class LidFitter {
             if (step < fit_.steps - std::max(1, fit_.steps / 10)) continue;
             for (const std::array<LidErrors, 2>& s : squares)
                 for (std::size_t k = 0; k < 2; ++k)
-                    all[k].attributes += s[k].attributes, all[k].place += s[k].place;
+                    all[k].attributes += s[k].attributes, all[k].place += s[k].place / 2;
             seen += fit_.batch;
         }
         const auto root = [&](const LidErrors& e) {
@@ -262,44 +266,51 @@ class LidFitter {
         return e;
     }
 
-    /// Sets the gradient of one network, of attributes or of displacements, by some of a frame's
-    /// points, and its mean squared errors of lids and of others.
-    void pull(const LidExample<T>& e, const Random& random, bool attributes, Networks& gradient,
+    /// Adds the gradient of one network by some of a frame's points, and sets its mean squared
+    /// errors of lids and of others. `piece`: 0 for attributes, 1 or 2 for displacements of half
+    /// the points.
+    void pull(const LidExample<T>& e, const Random& random, std::size_t piece, Network& gradient,
               std::array<LidErrors, 2>& squares) const {
         const auto count = static_cast<Index>(points_.lids.size());
         std::vector<Index> which = spread(count, fit_.lids, random.uniform(1)), points;
-        const auto lids = static_cast<Index>(which.size());
-        for (const Index i : which) points.push_back(points_.lids[static_cast<std::size_t>(i)]);
         for (const Index k :
-             spread(static_cast<Index>(e.others.size()), fit_.others, random.uniform(2))) {
+             spread(static_cast<Index>(e.others.size()), fit_.others, random.uniform(2)))
             which.push_back(count + k);
-            points.push_back(points_.others[static_cast<std::size_t>(
-                e.others[static_cast<std::size_t>(k)])]);
+        const auto of_frame = static_cast<double>(which.size());
+        if (piece > 0) { // every other one
+            std::size_t kept = 0;
+            for (std::size_t k = piece - 1; k < which.size(); k += 2) which[kept++] = which[k];
+            which.resize(kept);
+        }
+        Index lids = 0;
+        for (const Index i : which) {
+            const bool lid = i < count;
+            lids += lid ? 1 : 0;
+            points.push_back(lid ? points_.lids[static_cast<std::size_t>(i)]
+                                 : points_.others[static_cast<std::size_t>(
+                                       e.others[static_cast<std::size_t>(i - count)])]);
         }
         const FacePart<T> part = all_.of(points);
         const auto pull_by = [&](const auto& field, const Columns<T>& input, Columns<T> sum,
-                                 const Columns<T>& wanted, Network& g_network,
-                                 double LidErrors::*error) {
+                                 const Columns<T>& wanted, double LidErrors::*error) {
             const auto alone = one_thread(backend_);
-            Network::fields([](const std::string&, auto& a) { a.setZero(); }, g_network);
             FieldTrace<T> trace;
             add_field(alone, field, {input, part.influence, e.expression}, sum, trace);
             sum -= pick_columns(wanted, which);
             const auto mean = [](const auto& of) {
-                return static_cast<double>(of.squaredNorm()) / static_cast<double>(of.size());
+                return static_cast<double>(of.squaredNorm()) /
+                       std::max(1.0, static_cast<double>(of.size()));
             };
             squares[0].*error = mean(sum.leftCols(lids));
             squares[1].*error = mean(sum.rightCols(sum.cols() - lids));
-            const Columns<T> g = T(2.0 / (fit_.batch * static_cast<double>(sum.cols()))) * sum;
-            field_vjp(alone, field, {part.influence, e.expression, trace}, g, {&g_network});
+            const Columns<T> g = T(2.0 / (fit_.batch * of_frame)) * sum;
+            field_vjp(alone, field, {part.influence, e.expression, trace}, g, {&gradient});
         };
-        if (attributes)
+        if (piece == 0)
             pull_by(attributes_of(fitted_), part.feature,
-                    Columns<T>::Zero(8, part.position.cols()), e.steps, gradient.attributes,
-                    &LidErrors::attributes);
+                    Columns<T>::Zero(8, part.position.cols()), e.steps, &LidErrors::attributes);
         else
-            pull_by(deform_of(fitted_), part.code, part.position, e.places, gradient.deform,
-                    &LidErrors::place);
+            pull_by(deform_of(fitted_), part.code, part.position, e.places, &LidErrors::place);
     }
 
     const B& backend_;

@@ -36,12 +36,10 @@ class GradientPieces {
     GradientPieces(const GradientPieces&) = delete;
     GradientPieces& operator=(const GradientPieces&) = delete;
 
-    /// Returns piece i, whose arrays have the numbers of the last step.
-    P& piece(std::size_t i) { return pieces_[i].gradient; }
     /// Sets the arrays of piece i to zero and returns it.
     P& cleared(std::size_t i) {
         for (Columns<T>* const a : pieces_[i].arrays) a->setZero();
-        return piece(i);
+        return pieces_[i].gradient;
     }
     /// Sets the arrays of the sum.
     template <class Threads>

@@ -31,7 +31,7 @@ class NetworkOffload {
     using Device = Device_;
     using Tiles = Tiles_;
 
-    Index least_points = 512; ///< passes of fewer are the host's; at least 1
+    Index least_points = 192; ///< passes of fewer are the host's; at least 1
 
     /// `staging` is memory of the host that copies run through: page-locked, or they are slow.
     NetworkOffload(const Device& device, const CudaQueue& queue, const DeviceArena& staging)
