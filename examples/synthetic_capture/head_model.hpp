@@ -4,6 +4,7 @@
 /// Eye 0 is the subject's left (x > 0), eye 1 the right. Colours are linear RGB.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <filesystem>
@@ -94,8 +95,15 @@ void clear_eyeballs(Points& vertices, const std::array<Eyeball, 2>& eyes,
 /// from 2.4 radii from the centre on.
 void displace_eye(Points& vertices, Eyeball& eye, const Vec3<double>& by);
 
-/// The procedural head, from the seed alone.
-HeadModel procedural_head(std::uint64_t seed);
+/// Width of the procedural head's albedo image [px].
+inline constexpr int albedo_width = 1024;
+/// Returns a width that pictures of so many pixels do not tell from albedo_width.
+constexpr int albedo_width_for(int picture) {
+    return picture < 128 ? std::max(256, 4 * picture) : albedo_width;
+}
+/// The procedural head, from the seed alone. Its albedo image is three quarters as high as wide;
+/// a width of 0 leaves it empty, for shapes alone.
+HeadModel procedural_head(std::uint64_t seed, int width = albedo_width);
 
 /// The ICT face model (light, packed as an npz), or another in the same arrays
 /// (makehuman_pack.hpp); the seed selects the identity and the skin.

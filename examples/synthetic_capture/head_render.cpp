@@ -318,6 +318,7 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
 }
 
 HeadPicture PosedHead::picture(const Pinhole<double>& camera, int samples) const {
+    RYE_ASSERT(model_.albedo.size() > 0, "PosedHead: the model has no albedo image");
     const int width = camera.width, height = camera.height;
     HeadPicture out{Image<float>(width, height, 3), Image<float>(width, height, 1), {}};
     out.eye.assign(static_cast<std::size_t>(out.mask.size()), 0);

@@ -18,8 +18,6 @@ namespace {
 
 using V3 = Vec3<double>;
 
-/// Size of the albedo image [px].
-constexpr int albedo_width = 1024, albedo_height = 768;
 /// Height of the scalp's hair above the skin.
 constexpr double hair_height = 0.055;
 /// Rotation of the jaw at jawOpen = 1, about the axis through its joints.
@@ -391,7 +389,7 @@ std::vector<Points> expression_moves(const Parts& parts) {
 
 } // namespace
 
-HeadModel procedural_head(std::uint64_t seed) {
+HeadModel procedural_head(std::uint64_t seed, int width) {
     const Random random{seed, 17};
     HeadModel model;
     model.origin = "rye's own head, sculpted by formulas from seed " + std::to_string(seed) +
@@ -486,7 +484,7 @@ HeadModel procedural_head(std::uint64_t seed) {
     std::array<V3, 68> marks;
     for (std::size_t i = 0; i < 68; ++i) marks[i] = neutral.col(model.landmarks[i]);
     model.albedo =
-        painted(model, neutral, SkinPaint(marks, colours, seed), albedo_width, albedo_height);
+        painted(model, neutral, SkinPaint(marks, colours, seed), width, width / 4 * 3);
     return model;
 }
 

@@ -24,7 +24,7 @@ namespace {
 /// A capture of four frames by one camera.
 struct Written {
     TemporaryFolder folder;
-    HeadModel head = procedural_head(1);
+    HeadModel head = procedural_head(1, 256);
     Capture capture;
     Written() {
         const CaptureSettings settings{.size = 32,

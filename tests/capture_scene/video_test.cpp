@@ -34,7 +34,7 @@ void run(std::vector<std::string> words) {
 } // namespace
 
 TEST_CASE("video: one camera, a head that turns smoothly to both sides, eyes that jump") {
-    const HeadModel model = procedural_head(1);
+    const HeadModel model = procedural_head(1, 0);
     VideoSettings film;
     film.frames = 160;
     film.rate = 20;

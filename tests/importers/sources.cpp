@@ -229,7 +229,7 @@ BrownConrady<double> source_lens() {
 }
 
 TrueScene true_scene(const fs::path& folder, const CaptureSettings& settings) {
-    const HeadModel model = procedural_head(settings.seed);
+    const HeadModel model = procedural_head(settings.seed, albedo_width_for(settings.size));
     write_capture(model, capture_scene(model, settings), folder, [](int, int) {});
     return captured_scene(folder, {});
 }
@@ -240,7 +240,7 @@ TrueScene captured_scene(const fs::path& folder, const fs::path& model) {
             (folder / "capture.json").string() + ": seed",
             "is missing, expected a capture of `rye capture`");
     const auto seed = about.at("seed").get<std::uint64_t>();
-    TrueScene t{model.empty() ? procedural_head(seed) : ict_head(model, seed),
+    TrueScene t{model.empty() ? procedural_head(seed, 0) : ict_head(model, seed),
                 read_valid_capture(folder), read_valid_capture(folder)};
     const CaptureFrame& first = t.capture.frames.front();
     const double off = (head_vertices(t, t.capture, 0)(Eigen::all, t.model.landmarks) -

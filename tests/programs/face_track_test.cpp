@@ -257,7 +257,7 @@ TEST_CASE("a tracked face drives an avatar by names, looks and turns") {
 
 TEST_CASE("coefficients without names are driven by what they move in the landmarks") {
     // An avatar of the same head whose coefficients are a rotation of the named ones.
-    const HeadModel model = procedural_head(1);
+    const HeadModel model = procedural_head(1, 0);
     const auto names = static_cast<Index>(model.expression_names.size());
     const Random random{7, 0};
     std::uint64_t next = 0;

@@ -68,7 +68,8 @@ void run(const CaptureCommand& o) {
         return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     };
     const HeadModel model =
-        o.model.empty() ? procedural_head(o.settings.seed) : ict_head(o.model, o.settings.seed);
+        o.model.empty() ? procedural_head(o.settings.seed, albedo_width_for(o.settings.size))
+                        : ict_head(o.model, o.settings.seed);
     VideoSettings film = o.film;
     film.frames = o.settings.train_frames;
     if (!o.dots.empty()) {

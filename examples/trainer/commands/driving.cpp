@@ -111,7 +111,7 @@ std::vector<Drivers<float>> tracked_drivers(const DrivingOptions& o, const Train
     Retarget retarget(track.names, capture.expression_names, state.config.avatar.expression);
     Drivers<float> rest = own;
     if (!track.names.empty() && retarget.driven() == 0 && state.config.avatar.expression > 0) {
-        retarget = Retarget(track.names, fitted_mix(procedural_head(1), capture, "--driving"));
+        retarget = Retarget(track.names, fitted_mix(procedural_head(1, 0), capture, "--driving"));
         rest.expression.setZero();
     }
     std::vector<Drivers<float>> all;
