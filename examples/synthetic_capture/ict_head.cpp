@@ -22,7 +22,8 @@ namespace fs = std::filesystem;
 using V3 = Vec3<double>;
 
 constexpr double ict_unit = 0.1;
-constexpr int albedo_width = 1792, albedo_height = 896;
+/// Size of the albedo image [px].
+constexpr int width = 1792, height = 896;
 /// Limit on identity weights, in standard deviations of the model.
 constexpr double most_identity = 1.3;
 
@@ -272,8 +273,8 @@ HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
     };
     const Palette colours = palette(seed);
     model.look = colours.eyes;
-    model.albedo = painted(model, shapes->neutral, SkinPaint(places, colours, seed), albedo_width,
-                           albedo_height);
+    model.albedo = painted(model, shapes->neutral, SkinPaint(places, colours, seed), width,
+                           height);
     return model;
 }
 
