@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/core/thread_pool.hpp: a pool of std::threads that sleep while they wait, so that another
 /// busy program on the machine costs no more than its share of the processors. Before it sleeps a
-/// thread looks for work for a few microseconds, less than waking it would take. Independent of
-/// OpenMP; programs link the platform's thread library.
+/// thread looks for work for 25 microseconds for each thread of the pool, at most 400: less than
+/// waking them all would take. Independent of OpenMP; programs link the platform's thread library.
 ///     rye::ThreadPool pool(4);
 ///     const rye::XsimdBackend backend{pool.threads()};
 #pragma once
@@ -131,10 +131,10 @@ class ThreadPool {
             wake_.notify_one();
     }
 
-    /// Returns true if ready() came true within about the time that waking a thread takes.
+    /// Returns true if ready() came true within about the time that waking the threads takes.
     template <class Ready>
-    static bool spin_until(const Ready& ready) {
-        constexpr auto longest = std::chrono::microseconds(30);
+    bool spin_until(const Ready& ready) const {
+        const std::chrono::microseconds longest(std::min(25 * asked_, 400));
         const auto start = std::chrono::steady_clock::now();
         while (!ready())
             if (std::chrono::steady_clock::now() - start > longest) return false;
