@@ -45,6 +45,13 @@ for axis in optical visual; do
     cmp "$axis.avatar" again.avatar || fail "another file the second time"
 done
 
+# A capture of larger pictures: the file's camera is for pictures like training's all the same.
+"$rye" capture --out large --size 128 --cameras 3 --frames 3 --test-frames 1 --apart-frames 0 \
+    --samples 1 --quiet
+"$rye" export --run visual --capture large --out large.avatar > said.txt
+"$lesson" large.avatar large.ppm
+[ "$(wc -c < large.ppm)" -eq $((64 * 64 * 3 + 13)) ] || fail "another size than training's"
+
 # Nothing but the file is needed.
 mkdir alone
 mv optical.avatar alone/head.avatar

@@ -46,8 +46,11 @@ void export_avatar(const AvatarExportOptions& o) {
     const TrainState state = load_trained(o.run);
     const Capture capture = driving_capture(o.run, state, o.capture);
     const int frame = frame_index(capture, o.frame);
-    const PlayableAvatar<float> playable =
+    PlayableAvatar<float> playable =
         playable_avatar(state, capture, frame, camera_index(capture, o.camera, frame));
+    // The file's camera says how large training had the head in its pictures.
+    const double share = share_of_trained(o.run, state, capture);
+    if (share != 1) playable.camera = scaled(playable.camera, 1 / share);
     write_avatar(o.out, playable, o.full_precision ? AvatarPrecision::full : AvatarPrecision::half);
     const double psnr = least_psnr(playable, read_avatar<float>(o.out));
     char quality[80] = "its pictures are the run's, bit for bit";

@@ -158,11 +158,15 @@ ShownView shown_view(const std::filesystem::path& run, const TrainState& state,
     return v;
 }
 
+double share_of_trained(const std::filesystem::path& run, const TrainState& state,
+                        const Capture& capture) {
+    if (!has_own_frames(run)) return 1;
+    return static_cast<double>(capture.height) / load_frames(run, state.frames).height;
+}
+
 double dilation_of(const std::filesystem::path& run, const TrainState& state,
                    const Capture& capture) {
-    if (!has_own_frames(run)) return trained_dilation;
-    const int trained = load_frames(run, state.frames).height;
-    return resized_dilation(trained_dilation, static_cast<double>(capture.height) / trained);
+    return resized_dilation(trained_dilation, share_of_trained(run, state, capture));
 }
 
 void take_size(const std::filesystem::path& run, const TrainState& state, const ShownView& view,

@@ -100,6 +100,10 @@ ShownView shown_view(const std::filesystem::path& run, const TrainState& state,
                      const std::filesystem::path& option, const std::string& frame,
                      const std::string& camera);
 
+/// Returns how many times as high as the run's own a capture's pictures are; 1 for a run of an older
+/// version, which has none.
+double share_of_trained(const std::filesystem::path& run, const TrainState& state,
+                        const Capture& capture);
 /// Returns the dilation of pictures like a capture's [px^2]: as wide on the head as training had it
 /// if they are larger or smaller than the run's own.
 double dilation_of(const std::filesystem::path& run, const TrainState& state,
