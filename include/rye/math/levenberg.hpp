@@ -93,8 +93,9 @@ Columns<T> covariance(const Columns<T>& matrix) {
 }
 
 /// Minimises a sum of squares from `start` on. linearized(x) returns its NormalEquations, or others
-/// that are LeastSquaresEquations; cost(x) its value alone. A trial whose cost is not finite is refused as one whose cost is larger is.
-/// Throws Error if the cost, the matrix or the gradient is not finite at a point that it stands on.
+/// that are LeastSquaresEquations; cost(x) its value alone. A trial whose cost is not finite is
+/// refused as one whose cost is larger is. Throws Error if the cost, the matrix or the gradient is
+/// not finite at a point that it stands on.
 template <Real T, class Linearized, class Cost>
 auto levenberg(const VecX<T>& start, const LevenbergSettings& settings, Linearized&& linearized,
                Cost&& cost) {
