@@ -3,8 +3,7 @@
 # consumer.sh WAY SOURCE_DIR BUILD_DIR CMAKE GENERATOR COMPILER [RYE]: a project of a user's, which
 # gets rye by WAY (find_package or pkg_config after an install, add_subdirectory or fetch_content),
 # builds the program that README.md shows, and runs it. By find_package also the programs with a
-# user's own parts, and with the program RYE one more, which trains on a capture that RYE makes;
-# without it nothing is optimised, which takes half as long.
+# user's own parts; with the program RYE one more, which trains on a capture that RYE makes.
 set -eu
 way=$1 source=$2 build=$3 cmake=$4 generator=$5 cxx=$6 rye=${7:-}
 work=$build/tests/consumer_$way
@@ -37,8 +36,7 @@ if [ "$way" = pkg_config ]; then
     exit 0
 fi
 "$cmake" -S "$work/project" -B "$work/build" -G "$generator" -DCMAKE_CXX_COMPILER="$cxx" \
-    "-DCMAKE_BUILD_TYPE=${rye:+Release}" -DCMAKE_PREFIX_PATH="$work/prefix" -DWAY="$way" \
-    -DRYE_SOURCE="$source"
+    -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$work/prefix" -DWAY="$way" -DRYE_SOURCE="$source"
 "$cmake" --build "$work/build"
 cd "$work/build"
 ./consumer
