@@ -53,7 +53,7 @@ not_run() { echo "not run: $1" >> "$build/all.log"; }
 case $level in
 "") not_run "all other tests (check.sh --all)" ;;
 --all) # what takes a minute
-    step "Other libraries and pointers" sh tests/portability.sh libcxx newest bits32 ;;
+    step "Another library, newer headers, 32-bit pointers" sh tests/portability.sh libcxx newest bits32 ;;
 --release)
     step "Other processors, compilers and systems" sh tests/portability.sh
     step "Numerical variants and sanitizers" sh tests/variants.sh

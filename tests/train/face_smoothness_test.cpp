@@ -114,7 +114,8 @@ TEST_CASE("priors of the face: in a step they add their gradient to the features
     const auto stepped = [&](const AvatarLossConfig& weights, const FaceNeighbours& neighbours) {
         TwoStream<double> avatar = start;
         Adam<TwoStream<double>> adam(avatar);
-        AvatarTrainer trainer{ScalarBackend<Serial>{}, avatar, adam, training_of(weights, neighbours)};
+        AvatarTrainer trainer{ScalarBackend<Serial>{}, avatar, adam,
+                              training_of(weights, neighbours)};
         const AvatarLosses<double> losses = trainer.step(sample).losses;
         return std::pair{losses, adam.m};
     };

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/core/thread_pool.hpp: a pool of std::threads that sleep while they wait, so that another
 /// busy program on the machine costs no more than its share of the processors. Before it sleeps a
-/// thread looks for work for 25 microseconds for each thread of the pool, at most 400: less than
-/// waking them all would take. Independent of OpenMP; programs link the platform's thread library.
+/// thread looks for work for 25 microseconds for each thread of the pool, at most 400, as waking
+/// many takes longer. Independent of OpenMP; programs link the platform's thread library.
 ///     rye::ThreadPool pool(4);
 ///     const rye::XsimdBackend backend{pool.threads()};
 #pragma once
@@ -131,7 +131,7 @@ class ThreadPool {
             wake_.notify_one();
     }
 
-    /// Returns true if ready() came true within about the time that waking the threads takes.
+    /// Returns true if ready() came true before the thread should sleep.
     template <class Ready>
     bool spin_until(const Ready& ready) const {
         const std::chrono::microseconds longest(std::min(25 * asked_, 400));
