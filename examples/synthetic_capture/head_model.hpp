@@ -97,8 +97,8 @@ void displace_eye(Points& vertices, Eyeball& eye, const Vec3<double>& by);
 
 /// Width of the procedural head's albedo image [px].
 inline constexpr int albedo_width = 1024;
-/// Returns the width for pictures of so many pixels a side: all of it from 128 on, below with as many
-/// texels a pixel as pictures of 256 have.
+/// Returns the width for pictures of so many pixels a side: all of it from 128 on, below that as
+/// many texels a pixel as pictures of 256 have, or more.
 constexpr int albedo_width_for(int picture) {
     return picture < 128 ? std::max(256, 4 * picture) : albedo_width;
 }
