@@ -155,8 +155,8 @@ void run(const bench::DeviceScenery& scene, Json& json) {
                                s.g_sh, &frame.m);
     };
     // Derivatives in directions in which all Gaussians' numbers move, by as much as they are.
-    DeviceBuffer<SplatRecord> splats;
-    std::vector<DeviceDirection<NoDistortion>> directions(2);
+    DeviceBuffer<detail::SplatRecord> splats;
+    std::vector<detail::DeviceDirection<NoDistortion>> directions(2);
     for (auto& d : directions)
         d.images = {columns(room(channels * pixels), channels, pixels),
                     columns(room(pixels), 1, pixels)};

@@ -108,15 +108,15 @@ void convolution_rows(const CudaQueue& queue, int side, int inputs, int outputs)
         DeviceImagePlanes planes{nullptr, side, side, static_cast<int>(from.rows)};
         to.reserve(queue, planes.halves(N));
         planes.data = to.data();
-        image_planes_into<N>(device, queue, PlainPixels{from.buffer.data(), side, planes.channels},
-                             planes);
+        image_planes_into<N>(
+            device, queue, detail::PlainPixels{from.buffer.data(), side, planes.channels}, planes);
         return planes;
     };
     const DeviceImagePlanes of_x = planes_of(x, memory[0]), of_y = planes_of(y, memory[1]);
     DeviceConvolution<CudaDevice, N> layer(device, inputs, outputs);
     layer.set(queue, weight.view());
     DeviceBuffer<float> partial;
-    DeviceBuffer<StripMoments> moments;
+    DeviceBuffer<detail::StripMoments> moments;
     const double flops = 2.0 * 9 * double(pixels) * inputs * outputs;
     const std::string name = "convolution/" + std::to_string(side) + "/" + std::to_string(inputs) +
                              "-" + std::to_string(outputs) + "/planes:" + std::to_string(N);
@@ -139,7 +139,7 @@ void loss_rows(const CudaQueue& queue) {
     DeviceDssim<CudaDevice> dssim_of(device);
     DevicePyramidLoss<CudaDevice> pyramid(device);
     DeviceRgbTerm<CudaDevice> rgb(device);
-    const PictureTarget<float> target{b.buffer.data(), nullptr};
+    const detail::PictureTarget<float> target{b.buffer.data(), nullptr};
     report("losses/512/dssim",
            graph_times(queue.stream, [&] { dssim_of.into(queue, picture, truth, 1.0, to); }), 0);
     report("losses/512/pyramid",

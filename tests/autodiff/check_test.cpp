@@ -50,16 +50,16 @@ TEST_CASE("check: accepts an adjoint, and finds the fault in a wrong one") {
     const Columns<double> w = random_columns<double>(3, 5, {3});
     const auto right = [&](const Columns<double>& g) { return cubic_vjp(x, g); };
     const auto wrong = [&](const Columns<double>& g) { return cubic_vjp(x, g, 0.5); };
-    CHECK(dot_product_test(Cubic{}, right, x, dx, w) <= 1e-15);
-    CHECK(difference_test(Cubic{}, right, x, dx, w) <= 5e-10);
-    CHECK(dot_product_test(Cubic{}, wrong, x, dx, w) > 1e-4);
-    CHECK(difference_test(Cubic{}, wrong, x, dx, w) > 1e-4);
+    CHECK(detail::dot_product_test(Cubic{}, right, x, dx, w) <= 1e-15);
+    CHECK(detail::difference_test(Cubic{}, right, x, dx, w) <= 5e-10);
+    CHECK(detail::dot_product_test(Cubic{}, wrong, x, dx, w) > 1e-4);
+    CHECK(detail::difference_test(Cubic{}, wrong, x, dx, w) > 1e-4);
 }
 
 TEST_CASE("check: not a number never passes") {
     const Columns<double> x = random_columns<double>(2, 2, {1});
     const auto nan = [&](const Columns<double>& g) { return Columns<double>(g * std::nan("")); };
-    CHECK(std::isinf(dot_product_test(Cubic{}, nan, x, x, x)));
+    CHECK(std::isinf(detail::dot_product_test(Cubic{}, nan, x, x, x)));
     CHECK(disagreement(DotSum{1, 0}, DotSum{0, 0}) == std::numeric_limits<double>::infinity());
     CHECK(disagreement(DotSum{}, DotSum{}) == 0);
 }

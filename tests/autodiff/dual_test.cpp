@@ -159,7 +159,7 @@ TEST_CASE("dual: matrices of duals multiply") {
     const Columns<double> a = random_columns<double>(3, 4, {1});
     const Columns<double> da = random_columns<double>(3, 4, {2});
     const Columns<double> b = random_columns<double>(4, 5, {3});
-    const Columns<D> y = seeded(a, da) * b.cast<D>();
+    const Columns<D> y = detail::seeded(a, da) * b.cast<D>();
     CHECK((values_of(y) - a * b).cwiseAbs().maxCoeff() <= 1e-15);
     CHECK((tangents_of(y) - da * b).cwiseAbs().maxCoeff() <= 4e-15);
 }

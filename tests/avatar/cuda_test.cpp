@@ -106,7 +106,7 @@ TEST_CASE("cuda, emulated: points that both gazes move are summed once") {
         lambda[static_cast<std::size_t>(i)] = 1;
     }
     for (const Index i : right) lists[1].push_back(static_cast<std::uint32_t>(i));
-    GazedPoints points{};
+    detail::GazedPoints points{};
     std::uint32_t count[2];
     for (int k = 0; k < 2; ++k) {
         count[k] = static_cast<std::uint32_t>(lists[k].size());
@@ -125,7 +125,7 @@ TEST_CASE("cuda, emulated: places in a list") {
         for (std::uint32_t index = 0; index < 50; ++index) {
             std::uint32_t place = 0;
             while (place < count && list[place] != index) ++place;
-            CHECK(place_in_list(list, count, index) == place);
+            CHECK(detail::place_in_list(list, count, index) == place);
         }
 }
 TEST_CASE("cuda, emulated: effects that are off launch nothing and hold nothing") {

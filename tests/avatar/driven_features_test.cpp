@@ -94,4 +94,4 @@ static_assert(
     std::same_as<EyeAppearanceParameters<float, PaperEffects>, FreeFeatures::Parameters<float>>);
 static_assert(sizeof(EyeStream<float, More<PaperEffects, Driven>>) ==
               sizeof(EyeStream<float>) + 2 * sizeof(Mlp<float>));
-static_assert(is_absent<decltype(FrameCotangent<float, PaperEffects>::eye_pose)>);
+static_assert(detail::is_absent<decltype(detail::FrameCotangent<float, PaperEffects>::eye_pose)>);

@@ -96,7 +96,7 @@ TEST_CASE("an iris in the world is where the refracted ray of the camera meets i
         const Vec3<double> q = drivers.camera + (along - std::sqrt(off)) * d;
         const Vec3<double> normal = (q - centre) / radius;
         const double c = -d.dot(normal);
-        const Vec3<double> across = (d + c * normal) / aqueous_index;
+        const Vec3<double> across = (d + c * normal) / detail::aqueous_index;
         const Vec3<double> r = across - std::sqrt(1 - across.squaredNorm()) * normal;
         worst = std::max(worst, cross(Vec3<double>(is - q), r).norm());
         moved = std::max(moved, (seen - is).norm());

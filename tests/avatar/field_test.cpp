@@ -17,7 +17,7 @@ TEST_CASE("influenced: every point, none, or some, of more points than a chunk")
         std::vector<Index> expected;
         for (Index i = 0; i < n; ++i)
             if (lambda(0, i) > 0) expected.push_back(i);
-        CHECK(influenced(backend, lambda) == expected);
+        CHECK(detail::influenced(backend, lambda) == expected);
     };
     check(Columns<float>::Ones(1, n));
     check(Columns<float>::Zero(1, n));
@@ -25,5 +25,5 @@ TEST_CASE("influenced: every point, none, or some, of more points than a chunk")
     Columns<float> late = Columns<float>::Zero(1, n);
     late.rightCols(3000).setOnes();
     check(late);
-    CHECK(influenced(backend, Columns<float>(1, 0)).empty());
+    CHECK(detail::influenced(backend, Columns<float>(1, 0)).empty());
 }

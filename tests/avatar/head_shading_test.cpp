@@ -120,6 +120,6 @@ TEST_CASE("shading: a light that a head turned under is found again from its col
     CHECK(last < 1e-3 * first);
 }
 
-static_assert(is_absent<decltype(TwoStream<float>::shading)>);
+static_assert(detail::is_absent<decltype(TwoStream<float>::shading)>);
 static_assert(sizeof(TwoStream<float, Shaded>) ==
               sizeof(TwoStream<float>) + sizeof(Shading<float>));

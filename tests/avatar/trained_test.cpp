@@ -210,7 +210,7 @@ TEST_CASE("an eye's driven features are written alone, and are those of both") {
     Columns<double> both(5, a.eyes.position.cols()), alone = both;
     alone.setConstant(-1);
     static_assert(EyeByEye<DrivenFeatures> && !EyeByEye<FreeFeatures>);
-    with_eye_inputs(a.eyes, drivers, code, [&](const EyeInputs<double>& inputs) {
+    detail::with_eye_inputs(a.eyes, drivers, code, [&](const EyeInputs<double>& inputs) {
         DrivenFeatures::features(ScalarBackend<>{}, a.eyes.appearance(), inputs,
                                  ColumnsSpan<double>(both));
         DrivenFeatures::eye_features(ScalarBackend<>{}, a.eyes.appearance(), inputs, 1,

@@ -77,7 +77,7 @@ TrainState with_offset(bool measured) {
             config, OpticalDrivers<float>(frame_drivers(capture, frame, s.config.gaze_axis)));
         const Columns<float> moved =
             eye_offset<float>(train_backend(), offset, config, code, trace);
-        const LossTerm<float> term = eye_offset_term<float>(
+        const LossTerm<float> term = detail::eye_offset_term<float>(
             moved, eye_displacement(capture, s.subject, frame).cast<float>());
         VecX<float> g_pose = VecX<float>::Zero(code.pose.size());
         eye_offset_vjp<float>(train_backend(), offset, {config, trace}, term.gradient,

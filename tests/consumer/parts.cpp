@@ -16,7 +16,7 @@ using namespace rye;
 using Parts = More<PaperEffects, ExpressionInfluence<MyMetric>, PoseInfluence<MyMetric>,
                    GazeInfluence<MyMetric>, GazeBy<MyMechanism>, EyesBy<MyEyes>, EyeballsBy<MyEyeball>,
                    NetworksBy<MyNetworks>, UpsampledBy<MyUpsampler>>;
-static_assert(!default_parts<Parts> && default_parts<PaperEffects>);
+static_assert(!detail::default_parts<Parts> && detail::default_parts<PaperEffects>);
 
 /// An avatar of a few Gaussians, its trainer and what it is shown, in double.
 struct Scene {
@@ -49,7 +49,7 @@ struct Scene {
         for (Index i = 0; i < truth.pixels.size(); ++i)
             truth.pixels(i) = Random{5, 0}.uniform(std::uint64_t(i));
         static_cast<AvatarImages<double>&>(sample) =
-            whole_picture<double>(truth, camera, VecX<double>::Constant(4, 0.8));
+            detail::whole_picture<double>(truth, camera, VecX<double>::Constant(4, 0.8));
         sample.frame = 0;
         sample.drivers = neutral_drivers<double, Parts>(config);
         sample.drivers.expression << 0.5, -0.3;

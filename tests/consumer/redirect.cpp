@@ -92,7 +92,7 @@ int main() {
     AvatarTrainer trainer{backend, avatar, adam, training};
     for (int step = 0; step < 60; ++step) {
         const Image<float> shown = picture(truth, step % 2 == 0 ? -0.4F : 0.4F);
-        trainer.step(drivers, whole_picture<float>(shown, camera, up));
+        trainer.step(drivers, detail::whole_picture<float>(shown, camera, up));
     }
     const float off = (picture(avatar, 0.2F).pixels - unseen).norm() / (first - unseen).norm();
     std::printf("share %.2f, redirected: %.2f of the error\n", avatar.eyes.share(0), off);

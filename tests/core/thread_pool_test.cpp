@@ -63,7 +63,7 @@ TEST_CASE("bands: each task once, whoever takes them; all arrays' elements once,
     }
     std::vector<std::vector<int>> seen{std::vector<int>(10), {}, std::vector<int>(1),
                                        std::vector<int>(8)};
-    std::vector<ArrayWork> arrays;
+    std::vector<detail::ArrayWork> arrays;
     for (auto& of : seen)
         arrays.push_back({static_cast<Index>(of.size()), [&of](Index b, Index e) {
                               CHECK(e - b <= 4);

@@ -167,7 +167,8 @@ void avatar_against_host(const Device& device, const CudaQueue& queue, const Ava
             for_eyes([&]<std::size_t eye>() {
                 if constexpr (eye_turns<E, eye>) {
                     Vec3<double>& gaze = of_eye<eye>(drivers.gaze);
-                    gaze = corrected_gaze(gaze, avatar.delta_gaze.col(c.column).data(), eye);
+                    gaze =
+                        detail::corrected_gaze(gaze, avatar.delta_gaze.col(c.column).data(), eye);
                 }
             });
     }
@@ -412,7 +413,8 @@ void avatar_bad_input(const Device& device, const CudaQueue& queue, const Avatar
     // A gaze that a kernel wrote.
     avatar.set_drivers(queue, c.drivers);
     const float bad[3] = {0, std::numeric_limits<float>::quiet_NaN(), 1};
-    device.send(queue, avatar.drivers() + DriverPlaces<E>(c.config).gaze[1], bad, sizeof bad);
+    device.send(queue, avatar.drivers() + detail::DriverPlaces<E>(c.config).gaze[1], bad,
+                sizeof bad);
     avatar.drive_into(queue);
     CHECK_FAULT(avatar.finish(queue), "gaze of the right eye is not finite");
     AvatarCase<E> wrong = c;

@@ -234,7 +234,7 @@ void too_little_memory(const Device& device, const CudaQueue& queue) {
         const DeviceFrameShape shape{static_cast<std::size_t>(s.gaussians.count()), frame.m.tiles,
                                      static_cast<std::size_t>(frame.entry_capacity),
                                      static_cast<std::size_t>(frame.group_capacity),
-                                     ChannelLayout<3>::stride};
+                                     detail::ChannelLayout<3>::stride};
         CHECK(bytes == shape.bytes());
     }
     CHECK(memory.held.empty());

@@ -63,10 +63,10 @@ void convolution_against_host(const Device& device, const CudaQueue& queue,
     convolve3x3_vjp_weight(host, in, g, g_weight);
 
     const DeviceFloats<Device> x(device, queue, image), y(device, queue, cotangent);
-    const DevicePlanesOf<Device, N> x_planes(device, queue,
-                                             PlainPixels{x.array.buffer.data(), c.width, c.inputs},
-                                             {nullptr, c.width, c.height, c.inputs}),
-        y_planes(device, queue, PlainPixels{y.array.buffer.data(), c.width, c.outputs},
+    const DevicePlanesOf<Device, N> x_planes(
+        device, queue, detail::PlainPixels{x.array.buffer.data(), c.width, c.inputs},
+        {nullptr, c.width, c.height, c.inputs}),
+        y_planes(device, queue, detail::PlainPixels{y.array.buffer.data(), c.width, c.outputs},
                  {nullptr, c.width, c.height, c.outputs});
     const DeviceArray<Device> weights(device, queue, weight),
         to(device, queue, c.outputs, x.width * x.height),

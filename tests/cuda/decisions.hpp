@@ -20,7 +20,7 @@ Columns<float> undecided_left_out(const A& accuracy, const Gaussians<double>& g,
     const VecX<double> background = VecX<double>::Zero(g.channels());
     const GaussianView<double> view(g);
     const Scene<double> scene = Rasterizer<A>::scene_of(view, camera, background, trace);
-    const PlainBlend<A, double> blend(accuracy);
+    const detail::PlainBlend<A, double> blend(accuracy);
     Columns<float> clear = Columns<float>::Ones(1, Index(camera.width) * camera.height);
     const auto close = [&](double x, double threshold) {
         return std::abs(x - threshold) <= band * threshold;

@@ -101,7 +101,7 @@ struct Cotangents {
 template <class Device, class FrameAt>
 std::vector<std::vector<std::uint32_t>> lists_of(const Device& device, const CudaQueue& queue,
                                                  const FrameAt& frame) {
-    const FrameMemory& m = frame.m;
+    const detail::FrameMemory& m = frame.m;
     std::vector<std::uint32_t> begin(m.tiles + 1);
     device.fetch(queue, begin.data(), m.begin, begin.size() * 4);
     std::vector<std::uint64_t> key(begin.back());

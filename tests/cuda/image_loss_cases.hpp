@@ -94,7 +94,7 @@ void pyramid_against_host(const Device& device, const CudaQueue& queue) {
 template <class Device>
 void smoothness_against_host(const Device& device, const CudaQueue& queue) {
     const Columns<float> values = noise<float>(5, 60, 8);
-    const NeighbourGraph graph = four_nearest(noise<float>(3, 60, 9));
+    const detail::NeighbourGraph graph = detail::four_nearest(noise<float>(3, 60, 9));
     Image<float> like(60, 1, 5);
     like.pixels = values;
     const LossGradient<double> host = smoothness<double>(values.cast<double>(), graph);
@@ -104,10 +104,10 @@ void smoothness_against_host(const Device& device, const CudaQueue& queue) {
     term_against_host(device, queue, host, like, 1e-6, [&](double weight, const auto& to) {
         return own.into(queue, v.read().pixels, weight, to.pixels);
     });
-    NeighbourGraph wrong = graph;
+    detail::NeighbourGraph wrong = graph;
     wrong[7][2] = 60;
     CHECK_FAULT(own.set(queue, wrong), "neighbour 2 of point 7 is 60, the graph has 60 points");
-    own.set(queue, NeighbourGraph(3));
+    own.set(queue, detail::NeighbourGraph(3));
     CHECK_FAULT(own.into(queue, v.read().pixels, 1.0, v.view().pixels),
                 "the graph has 3 points, the values 60");
 }

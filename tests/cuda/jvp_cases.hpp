@@ -58,18 +58,15 @@ void jvp_against(const Device& device, const CudaQueue& queue, const Scenery<flo
     const DeviceGaussians<const float> moved = along.view();
     DeviceGaussians<const float> colours{};
     colours.feature = moved.feature;
-    const DeviceDirection<NoDistortion> kinds[] = {{moved, nullptr, {}},
-                                                   {{}, &camera, {}},
-                                                   {moved, &camera, {}},
-                                                   {colours, nullptr, {}},
-                                                   {}};
-    std::vector<DeviceDirection<NoDistortion>> directions(kinds, kinds + count);
+    const detail::DeviceDirection<NoDistortion> kinds[] = {
+        {moved, nullptr, {}}, {{}, &camera, {}}, {moved, &camera, {}}, {colours, nullptr, {}}, {}};
+    std::vector<detail::DeviceDirection<NoDistortion>> directions(kinds, kinds + count);
     std::vector<std::unique_ptr<Images>> images;
     for (auto& d : directions) {
         images.push_back(std::make_unique<Images>(device, queue, c, pixels));
         d.images = images.back()->view();
     }
-    DeviceBuffer<SplatRecord> splats;
+    DeviceBuffer<detail::SplatRecord> splats;
     rasterizer.template jvp_into<NoDistortion>(queue, cloud.view(), directions, s.camera,
                                                bg.buffer.data(), splats, frame);
 
@@ -104,10 +101,10 @@ void bad_directions(const Device& device, const CudaQueue& queue) {
     const DeviceArray<Device> bg(device, queue, Columns<float>(s.background)),
         feature(device, queue, 3, pixels), alpha(device, queue, 1, pixels);
     const DeviceImages images{feature.view(), alpha.view()};
-    DeviceBuffer<SplatRecord> splats;
+    DeviceBuffer<detail::SplatRecord> splats;
     DeviceFrame<Device> frame(device);
     const auto run = [&](const DeviceGaussians<const float>& tangent) {
-        const DeviceDirection<NoDistortion> one[] = {{tangent, nullptr, images}};
+        const detail::DeviceDirection<NoDistortion> one[] = {{tangent, nullptr, images}};
         rasterizer.template jvp_into<NoDistortion>(queue, cloud.view(), one, s.camera,
                                                    bg.buffer.data(), splats, frame);
     };

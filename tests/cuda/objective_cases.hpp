@@ -180,14 +180,15 @@ void resizing_against_host(const Device& device, const CudaQueue& queue) {
         DeviceBuffer<detail::Resizing> resizing;
         resizing.reserve(queue, 1);
         device.send(queue, resizing.data(), &r, sizeof r);
-        resize_into(
+        resize_into(device, queue,
+                    detail::ResizeKernel<float>{from.read().pixels, resizing.data(), 1,
+                                                to.view().pixels.data});
+        CHECK(to.array.get() == detail::gathered(source.pixels, map));
+        resize_vjp_into(
             device, queue,
-            ResizeKernel<float>{from.read().pixels, resizing.data(), 1, to.view().pixels.data});
-        CHECK(to.array.get() == gathered(source.pixels, map));
-        resize_vjp_into(device, queue,
-                        ResizeVjpKernel{from.read().pixels, resizing.data(), g.view().pixels.data});
+            detail::ResizeVjpKernel{from.read().pixels, resizing.data(), g.view().pixels.data});
         Columns<float> host = source.pixels;
-        gathered_vjp(source.pixels, map, host);
+        detail::gathered_vjp(source.pixels, map, host);
         CHECK(g.array.get() == host);
     }
 }

@@ -34,7 +34,7 @@ void lists_against_host(const Device& device, const CudaQueue& queue) {
         const DeviceArray<Device> a(device, queue, numbers[0]), b(device, queue, numbers[1]),
             c(device, queue, numbers[2]);
         lists.make(queue, {{a.buffer.data(), b.buffer.data(), c.buffer.data(), nullptr}}, 3, n);
-        std::uint32_t count[DeviceListArrays::most] = {9, 9, 9, 9};
+        std::uint32_t count[detail::DeviceListArrays::most] = {9, 9, 9, 9};
         lists.fetch_counts(queue, count);
         for (int k = 0; k < 3; ++k) {
             CAPTURE(k);
@@ -100,15 +100,16 @@ void influences_against_host(const Device& device, const CudaQueue& queue, const
         g_points(device, queue, Columns<float>(Columns<float>::Ones(3, n)));
     DeviceBuffer<int> nearest;
     nearest.reserve(queue, static_cast<std::size_t>(n));
-    const DeviceLandmarks of{at.buffer.data(), marks.buffer.data(), 17, checked_ramp(0.05F, 0.25F)};
+    const DeviceLandmarks of{at.buffer.data(), marks.buffer.data(), 17,
+                             detail::checked_ramp(0.05F, 0.25F)};
     launch_each(device, queue, n,
-                InfluenceOfPoint{of, metric, metric, lambda.buffer.data(), rest.buffer.data(),
-                                 nearest.data()});
+                detail::InfluenceOfPoint{of, metric, metric, lambda.buffer.data(),
+                                         rest.buffer.data(), nearest.data()});
     const Columns<float> g = noise<float>(1, n, 7), g_rest = noise<float>(1, n, 8);
     const DeviceArray<Device> on_device(device, queue, g), rest_on_device(device, queue, g_rest);
     launch_each(device, queue, n,
-                InfluencePull{of, metric, nearest.data(), on_device.buffer.data(),
-                              rest_on_device.buffer.data(), g_points.buffer.data()});
+                detail::InfluencePull{of, metric, nearest.data(), on_device.buffer.data(),
+                                      rest_on_device.buffer.data(), g_points.buffer.data()});
     std::vector<Index> all(17);
     for (std::size_t k = 0; k < all.size(); ++k) all[k] = static_cast<Index>(k);
     const ScalarBackend<Serial> host;
@@ -135,8 +136,8 @@ void influences_against_host(const Device& device, const CudaQueue& queue, const
     DeviceLandmarks none = of;
     none.count = 0;
     launch_each(device, queue, n,
-                InfluenceOfPoint{none, metric, metric, lambda.buffer.data(),
-                                 static_cast<float*>(nullptr), nearest.data()});
+                detail::InfluenceOfPoint{none, metric, metric, lambda.buffer.data(),
+                                         static_cast<float*>(nullptr), nearest.data()});
     CHECK(lambda.get() == Columns<float>::Zero(1, n));
 }
 
@@ -149,10 +150,10 @@ void codes_against_host(const Device& device, const CudaQueue& queue) {
     const DeviceArray<Device> in(device, queue, x), code(device, queue, 27, n),
         cotangent(device, queue, g), back(device, queue, Columns<float>(x));
     launch_each(device, queue, 3 * n,
-                EncodeNumber{in.buffer.data(), 3, frequencies, code.buffer.data()});
+                detail::EncodeNumber{in.buffer.data(), 3, frequencies, code.buffer.data()});
     launch_each(device, queue, 3 * n,
-                EncodeNumberVjp{code.buffer.data(), cotangent.buffer.data(), 3, frequencies,
-                                back.buffer.data()});
+                detail::EncodeNumberVjp{code.buffer.data(), cotangent.buffer.data(), 3, frequencies,
+                                        back.buffer.data()});
     const Columns<double> x64 = x.cast<double>(), y = positional_encoding(x64, frequencies),
                           g64 = g.cast<double>();
     CHECK(relative(code.get(), y) < 1e-6);
@@ -160,9 +161,10 @@ void codes_against_host(const Device& device, const CudaQueue& queue) {
                    Columns<double>(x64 + positional_encoding_vjp(y, g64, frequencies))) < 1e-6);
     const DeviceArray<Device> bounded(device, queue, 3, n),
         through(device, queue, Columns<float>(Columns<float>::Zero(3, n)));
-    launch_each(device, queue, 3 * n, TanhNumber{in.buffer.data(), bounded.buffer.data()});
-    launch_each(device, queue, 3 * n,
-                TanhNumberVjp{bounded.buffer.data(), in.buffer.data(), through.buffer.data()});
+    launch_each(device, queue, 3 * n, detail::TanhNumber{in.buffer.data(), bounded.buffer.data()});
+    launch_each(
+        device, queue, 3 * n,
+        detail::TanhNumberVjp{bounded.buffer.data(), in.buffer.data(), through.buffer.data()});
     const Columns<double> t = x64.array().tanh();
     CHECK(relative(bounded.get(), t) < 1e-6);
     CHECK(relative(through.get(),
@@ -252,7 +254,8 @@ void mlp_column_against_host(const Device& device, const CudaQueue& queue, const
     DeviceMlpColumn<Device> network(device, s);
     network.set(queue, parameters.view, in.buffer.data());
     network.forward_into(queue);
-    launch_each(device, queue, s.outputs(), CopyNumbers{network.outputs(), out.buffer.data()});
+    launch_each(device, queue, s.outputs(),
+                detail::CopyNumbers{network.outputs(), out.buffer.data()});
     network.vjp_into(queue, cotangent.buffer.data(), gradient.view, g_input.buffer.data());
     CHECK(relative(out.get(), y) < 1e-6);
     CHECK(relative(g_input.get(), g_x) < 1e-6);

@@ -15,8 +15,8 @@ using Three = KernelChannels<3>;
 
 TEST_CASE("device: any number of channels") {
     for (const Index c : {1, 2, 3, 4, 7, 8, 16, 31, 32, 33}) // from 5 on products of two planes
-        against<double, AnyChannels>(CudaDevice(), queue(), random_scene<float>(200, c, 5),
-                                     Balanced(), {2e-6, c > 4 ? 2e-5 : 1e-5, 1e-5});
+        against<double, detail::AnyChannels>(CudaDevice(), queue(), random_scene<float>(200, c, 5),
+                                             Balanced(), {2e-6, c > 4 ? 2e-5 : 1e-5, 1e-5});
 }
 TEST_CASE("device: presets and rules") {
     const Scenery<float> s = random_scene<float>(200, 3, 5), wide = random_scene<float>(200, 32, 5);
@@ -40,8 +40,8 @@ TEST_CASE("device: lists equal the host's") {
 }
 TEST_CASE("device: derivatives in directions") {
     for (const Index c : {1, 2, 3, 4, 7, 16, 32, 33})
-        jvp_against<double, AnyChannels>(CudaDevice(), queue(), random_scene<float>(200, c, 5),
-                                         Balanced(), 5);
+        jvp_against<double, detail::AnyChannels>(CudaDevice(), queue(),
+                                                 random_scene<float>(200, c, 5), Balanced(), 5);
     jvp_against<float, Three>(CudaDevice(), queue(), random_scene<float>(200, 3, 5),
                               Compatible3dgsFloor(), 3);
     for (const auto& s : hard_scenes<float>(3))

@@ -286,9 +286,9 @@ void steps_against_host(const Device& device, const CudaQueue& queue, const Step
             CHECK(relative(own.avatar.delta_gaze, avatar.delta_gaze) <= 1e-3);
             CHECK(relative(own.avatar.delta_pose, avatar.delta_pose) <= 1e-3);
             if constexpr (has_effect<E, HeadPose>) {
-                const Columns<double> gauge = view_gauge(scene.training.view_directions);
+                const Columns<double> gauge = detail::view_gauge(scene.training.view_directions);
                 Columns<double> centred_views = avatar.delta_view;
-                centre_views(gauge, centred_views);
+                detail::centre_views(gauge, centred_views);
                 CHECK((centred_views - avatar.delta_view).cwiseAbs().maxCoeff() <= 1e-8);
                 CHECK(!own.avatar.delta_view.isZero(1e-3F));
                 CHECK(relative(own.avatar.delta_view, avatar.delta_view) <= 1e-3);
@@ -338,7 +338,7 @@ void rows_centred(const Device& device, const CudaQueue& queue) {
     for (const Index cols : {1, 2, 1001}) {
         const Columns<float> before = noise<float>(6, cols, 53).array() + 0.3F;
         Columns<float> expected = before;
-        centre_rows(expected);
+        detail::centre_rows(expected);
         CHECK(expected.rowwise().mean().cwiseAbs().maxCoeff() <= 1e-6F);
         const DeviceArray<Device> array(device, queue, before);
         DeviceBuffer<DeviceAdamState> adam;
@@ -346,7 +346,7 @@ void rows_centred(const Device& device, const CudaQueue& queue) {
         const auto centre = [&](std::uint32_t bad) {
             const DeviceAdamState state{bad, DeviceAdamState::none_bad, 1};
             device.send(queue, adam.data(), &state, sizeof state);
-            device.launch(queue, 1, CentreRowsKernel{adam.data(), array.view()});
+            device.launch(queue, 1, detail::CentreRowsKernel{adam.data(), array.view()});
             return array.get();
         };
         CHECK(same_bits(centre(DeviceAdamState::stopped), before));

@@ -98,7 +98,8 @@ struct Scalars {
         Reader<S> in{x};
         Writer<S> out{y};
         const S a = in.number(-20, 20), b = in.number(-3, 3), p = in.number(0.01, 0.99);
-        out(sigmoid(a), softplus(a), logit(p), clamp_value(b, S(-1), S(1)), sign_of(b), square(a));
+        out(sigmoid(a), softplus(a), logit(p), clamp_value(b, S(-1), S(1)), detail::sign_of(b),
+            square(a));
         out(min(a, b), max(a, b), select(a < b, a, b), value_of(a) < value_of(b));
         return {in.at, out.at};
     }
@@ -121,7 +122,7 @@ struct Functions {
         out(abs(a), acos(c), asin(c), atan(a), atan2(a, b), cos(a), exp(a), exp2(a), expm1(a));
         out(floor(a), hypot(a, b), isfinite(a), isnan(a), log(b), log1p(b), log2(b), pow(b, a));
         out(pow(b, S(1.5)), sin(a), sqrt(b), tan(a), tanh(a), a / b);
-        out(S(value_of(scalar_cast<S>(a))));
+        out(S(value_of(detail::scalar_cast<S>(a))));
         return {in.at, out.at};
     }
 };
@@ -139,14 +140,14 @@ struct Vectors {
         const Vec3<S> g = in.template vector<3>();
         const S d = in.number(0.1, 0.5);
         out(dot(a, b), cross(a, b), normalized(a), norm(a), normalized_vjp(a, g));
-        const Sym2<S> m = gram(a, b, d);
+        const Sym2<S> m = detail::gram(a, b, d);
         Mat3<S> rows;
         for (int i = 0; i < 3; ++i) rows(0, i) = a[i], rows(1, i) = b[i], rows(2, i) = g[i];
-        const Sym3<S> s = gram(rows);
-        const PrecisionFactor<S> f = precision_factor(a, b, d);
+        const Sym3<S> s = detail::gram(rows);
+        const detail::PrecisionFactor<S> f = detail::precision_factor(a, b, d);
         out(m, m.determinant(), m.quadratic(Vec2<S>(a[0], b[0])), pairing(m, m));
         out(s.xx, s.xy, s.xz, s.yy, s.yz, s.zz);
-        out(gram_determinant(a, b, d), f.k1, f.k2, f.m, f.quadratic(a[0], a[1]));
+        out(detail::gram_determinant(a, b, d), f.k1, f.k2, f.m, f.quadratic(a[0], a[1]));
         out(dilation_share(a, b, d), select_all(a[0] < b[0], a, b)[0]);
         return {in.at, out.at};
     }
@@ -171,8 +172,8 @@ struct Rotations {
         out(quat_product_vjp_left(b, q), quat_product_vjp_right(a, q), quat_matrix(a));
         out(quat_matrix_vjp(a, g), quat_rotate(a, v), matrix_quat(r), r, so3_exp_vjp(w, g));
         out(shortest_arc(Vec3<S>(S(0), S(0), S(1)), normalized(Vec3<S>(v[0], v[1], S(1)))));
-        out(quat_slerp(a, b, t), quat_log(b), so3_log(r), sinc_of_square(S(t + t)));
-        out(sinc_of_square_slope(S(t + t)));
+        out(quat_slerp(a, b, t), quat_log(b), so3_log(r), detail::sinc_of_square(S(t + t)));
+        out(detail::sinc_of_square_slope(S(t + t)));
         const Rigid<S> one{r, v}, other{quat_matrix(a), w}, both = compose(one, other);
         out(both.apply(v), both.turn_back(w), one.inverse().translation, both.turn(v));
         return {in.at, out.at};
@@ -291,7 +292,7 @@ struct Projection {
                                    in.number(-1, 1)};
         const Projected<S, how> s = project<how>(scene.shape, lens);
         out(s.centre, s.depth, s.covariance, s.determinant, bool(s.drawable));
-        out(s.precision.k1, s.precision.k2, s.precision.m, kept_opacity(s, scene.opacity));
+        out(s.precision.k1, s.precision.k2, s.precision.m, detail::kept_opacity(s, scene.opacity));
         out(scene.camera.project_point(scene.shape.mean));
         const Shape<S> v = project_vjp<how>(scene.shape, lens, g, S(0.5));
         out(v.mean, v.rotation, v.scale);
@@ -358,19 +359,20 @@ struct Splats {
         const SplatCotangent<S> g{in.number(-1, 1), in.number(-1, 1), in.number(-1, 1),
                                   in.number(-1, 1), in.number(-1, 1), in.number(-1, 1),
                                   in.number(-1, 1)};
-        const ScreenCotangent<S> c = screen_cotangent(splat, g);
+        const ScreenCotangent<S> c = detail::screen_cotangent(splat, g);
         const S dx = in.number(-3, 3), dy = in.number(-3, 3);
         const Response<S> r = respond(splat, dx, dy);
         out(splat.x, splat.y, splat.ux, splat.vx, splat.vy, splat.log2_opacity, splat.cut);
         out(splat.floor, splat.depth, c.centre, c.moment, c.depth, r.u, r.v, r.exponent);
-        const RayPeak<S> peak =
-            ray_peak(scene.shape, camera.camera_from_world, camera.fx, camera.fy);
+        const detail::RayPeak<S> peak =
+            detail::ray_peak(scene.shape, camera.camera_from_world, camera.fx, camera.fy);
         out(peak.at(dx, dy), peak.along[0], peak.depth);
-        const Footprint<S> f = footprint_of<A>(s, splat, camera.cx, camera.cy);
+        const Footprint<S> f = detail::footprint_of<A>(s, splat, camera.cx, camera.cy);
         const Cover<A::support, S> cover{f, camera.width, camera.height};
-        const Span rows = cover.rows(), columns = cover.columns(rows.begin / tile_edge, rows);
-        out(rows, columns, tiles_of(rows), depth_key(s.depth) > depth_key(S(3)));
-        TileRows known{rows, {}};
+        const Span rows = cover.rows(),
+                   columns = cover.columns(rows.begin / detail::tile_edge, rows);
+        out(rows, columns, tiles_of(rows), detail::depth_key(s.depth) > depth_key(S(3)));
+        detail::TileRows known{rows, {}};
         known.columns[0][1] = static_cast<std::uint16_t>(columns.end);
         out(known.first_row(), known.last_row() * int(known.known(camera.width)));
         out(int(known.columns[0][1]), tiles_across(rows.end));
@@ -391,18 +393,18 @@ struct Blending {
     RYE_HD static Ends<S> evaluate(const S* x, S* y) {
         Reader<S> in{x};
         Writer<S> out{y};
-        const Blend<A, S, PixelGroup, Exp2Library> blend{A()};
+        const Blend<A, S, detail::PixelGroup, Exp2Library> blend{A()};
         const S u = in.number(-1, 1), v = in.number(-1, 1);
         Splat<S> s;
         s.log2_opacity = in.number(-4, 0);
         s.cut = in.number(-8, -3);
         s.floor = in.number(0, 0.01);
         s.depth = in.number(1, 3);
-        const S exponent = less_square(less_square(s.log2_opacity, u), v);
+        const S exponent = detail::less_square(detail::less_square(s.log2_opacity, u), v);
         S transmittance = in.number(0.01, 1), moved = in.number(-1, 1), behind = in.number(-1, 1);
         const auto c = blend.take(blend.coverage(exponent, s.cut, s.floor), transmittance);
         const S weight = blend.take_jvp(c, in.number(-1, 1), in.number(-0.01, 0.01), moved);
-        PixelCotangent<S> g;
+        detail::PixelCotangent<S> g;
         g.colour = in.number(-1, 1);
         g.alpha = in.number(-1, 1);
         g.depth = in.number(-1, 1);
@@ -429,7 +431,8 @@ struct Influences {
         Writer<S> out{y};
         const Vec3<S> d = in.template vector<3>(0, 0.3) - in.template vector<3>(0, 0.3);
         const Ramp<S> ramp{constant<S>(0.02), constant<S>(0.15)};
-        out(influence(Metric(), ramp, dot(d, d)), influence_slope(Metric(), ramp, dot(d, d)));
+        out(influence(Metric(), ramp, dot(d, d)),
+            detail::influence_slope(Metric(), ramp, dot(d, d)));
         return {in.at, out.at};
     }
 };
@@ -450,13 +453,13 @@ struct Eyes {
         const Quat<S> q = quat_normalized(Quat<S>(in.template vector<4>(0.1, 1)));
         const KappaAngles<S> kappa{constant<S>(0.03), constant<S>(0.09)};
         const Vec3<S> gaze = gaze_vector(pitch, yaw), optical = apply_kappa(gaze, kappa);
-        EyeTransform<S> e = eye_at(centre);
+        EyeTransform<S> e = detail::eye_at(centre);
         turn_eye_to(e, normalized(optical));
-        carry_eye(e, head);
+        detail::carry_eye(e, head);
         out(gaze, optical, gaze_from_kappa(optical, kappa), pitch_yaw(optical));
         out(angular_error(gaze, optical), chord_error(gaze, optical));
         out(e.rotation, e.quaternion, e.translation, e.scale, e.beyond_range);
-        out(e.apply(point), into_eye(e, e.apply(point)), eye_offset_cotangent(e, g));
+        out(e.apply(point), into_eye(e, e.apply(point)), detail::eye_offset_cotangent(e, g));
         out(quat_product(e.quaternion, q), quat_product_vjp_right(e.quaternion, q));
         out(gaze_in_head(e.rotation, gaze), gaze_in_world(e.rotation, gaze)[0]);
         return {in.at, out.at};
@@ -483,10 +486,11 @@ struct LivingEyes {
         const AimedEye<S> eye = aim_eye(centre, target, kappa, constant<S>(0.5));
         out(eye.visual, eye.optical, eye.missed);
         const GazeTarget<S> there = target_in_head(head, target);
-        out(there.point, there.weight, target_in_range(centre, target, constant<S>(0.3)).point);
+        out(there.point, there.weight,
+            detail::target_in_range(centre, target, constant<S>(0.3)).point);
         out(steadied_gaze(so3_exp(before), so3_exp(now), eye.visual));
         out(saccade_peak_speed(amplitude), saccade_duration(amplitude));
-        out(saccade_travel(amplitude, t), blink_closure(t));
+        out(detail::saccade_travel(amplitude, t), detail::blink_closure(t));
         return {in.at, out.at};
     }
 };
@@ -504,8 +508,8 @@ struct Motions {
         const Vec<S, 6> pose = in.template vector<6>();
         const HeadTransform<S> head = head_transform<S>(pose, constant<S>(1.1));
         const Mat3<S> scaled = head.scale * head.rotation;
-        MovedPoint<S> world{in.template vector<3>(), in.template vector<4>(0.1, 1)};
-        MovedPoint<S> g{in.template vector<3>(), in.template vector<4>()};
+        detail::MovedPoint<S> world{in.template vector<3>(), in.template vector<4>(0.1, 1)};
+        detail::MovedPoint<S> g{in.template vector<3>(), in.template vector<4>()};
         const Vec3<S> at_rest = world.mean;
         world.mean = mean_to_world<S>(head, scaled, at_rest);
         out(head.rotation, head.quaternion, head.translation, world.mean);
@@ -513,11 +517,11 @@ struct Motions {
         sum.add(head, world, g);
         out(g.mean, g.rotation, sum.rotation, sum.quaternion, sum.translation);
         out(head_pose_vjp<S>(pose, sum));
-        NearestSoFar<S> nearest;
+        detail::NearestSoFar<S> nearest;
         nearest.offer(at_rest[0], at_rest[1], at_rest[2], 0);
         nearest.offer(world.mean[0], world.mean[1], world.mean[2], 1);
-        out(nearest.squared, influence_pull<S>(nearest.squared, at_rest));
-        TurnCotangent<S> turn;
+        out(nearest.squared, detail::influence_pull<S>(nearest.squared, at_rest));
+        detail::TurnCotangent<S> turn;
         turn.add({at_rest, world.rotation}, g);
         const S pitch = in.number(-0.8, 0.8), yaw = in.number(-0.8, 0.8);
         const KappaTangent<S> tangent(gaze_vector(pitch, yaw),
@@ -535,8 +539,8 @@ struct Encodings {
     template <class S>
     RYE_HD static Ends<S> evaluate(const S* x, S* y) {
         Reader<S> in{x};
-        encode_number(in.number(-3, 3), default_frequencies, 1, y);
-        y[9] = encode_number_vjp(y, in.at, default_frequencies, 1);
+        detail::encode_number(in.number(-3, 3), detail::default_frequencies, 1, y);
+        y[9] = detail::encode_number_vjp(y, in.at, detail::default_frequencies, 1);
         return {in.at + 9, y + outputs};
     }
 };
@@ -553,11 +557,13 @@ struct Activations {
         Writer<S> out{y};
         const S v = in.number(-4, 4), g = in.number(-1, 1), b = in.number(-0.1, 1.1);
         out(leaky_relu(v), leaky_relu_vjp(v, g), relu(v), relu_vjp(v, g));
-        const S t = squash_value(Squash::tanh, v), s = squash_value(Squash::sigmoid, v);
-        out(t, s, squash_value(Squash::none, v), squash_slope(Squash::tanh, t));
-        out(squash_slope(Squash::sigmoid, s), squash_slope(Squash::none, v));
+        const S t = detail::squash_value(Squash::tanh, v),
+                s = detail::squash_value(Squash::sigmoid, v);
+        out(t, s, detail::squash_value(Squash::none, v), detail::squash_slope(Squash::tanh, t));
+        out(detail::squash_slope(Squash::sigmoid, s), detail::squash_slope(Squash::none, v));
         const S scale = drawn_scale(v), opacity = drawn_opacity(v);
-        out(scale, drawn_scale_vjp(scale, g), opacity, drawn_opacity_vjp(opacity, S(S(1) - s), g));
+        out(scale, detail::drawn_scale_vjp(scale, g), opacity,
+            detail::drawn_opacity_vjp(opacity, S(S(1) - s), g));
         out(detail::odds_sigmoid(detail::clamped_base(b), v), detail::clamped_base_vjp(b, g));
         return {in.at, out.at};
     }
@@ -565,14 +571,14 @@ struct Activations {
 
 struct SsimWindow {
     static constexpr const char* name = "SSIM's window";
-    static constexpr int inputs = 2 * ssim_window, outputs = 1 + 4;
+    static constexpr int inputs = 2 * detail::ssim_window, outputs = 1 + 4;
     static constexpr double ulps = 2048;
 
     template <class S>
     RYE_HD static Ends<S> evaluate(const S* x, S* y) {
         Reader<S> in{x};
         Writer<S> out{y};
-        const Array<double, ssim_window> weight = detail::ssim_weights();
+        const Array<double, detail::ssim_window> weight = detail::ssim_weights();
         S u(0), v(0), squares(0), xy(0);
         for (std::size_t k = 0; k < weight.size(); ++k) {
             const S w = constant<S>(weight[k]), p = in.number(0, 1), q = in.number(0, 1);

@@ -200,7 +200,7 @@ __attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfi
     const Columns<T>& seen = face.position;
 #endif
     encode_points(B{}, seen, c.frequencies, t.code);
-    tanh_into(B{}, face.feature, t.feature);
+    detail::tanh_into(B{}, face.feature, t.feature);
     const InfluenceInput<T> in{c, seen, face.landmarks};
 #if !(WITHOUT_EXPRESSION && WITHOUT_POSE_RESIDUAL)
     t.w_exp = detail::set_weights(B{}, {in, c.exp_near, c.exp_far}, roles.expression, t.n_exp);
@@ -265,14 +265,14 @@ __attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfi
     const RawAttributes<T> raw{face.log_scale, face.rotation, face.opacity_logit};
 #if !WITHOUT_HEAD_POSE
     t.scale.resize(3, n);
-    const DrawnAttributes<T> drawn{t.scale, g.rotation, g.opacity};
+    const detail::DrawnAttributes<T> drawn{t.scale, g.rotation, g.opacity};
 #else
-    const DrawnAttributes<T> drawn{g.scale, g.rotation, g.opacity};
+    const detail::DrawnAttributes<T> drawn{g.scale, g.rotation, g.opacity};
 #endif
 #if !(WITHOUT_EXPRESSION && WITHOUT_POSE_RESIDUAL)
-    activate_into(B{}, raw, drawn, t.attributes);
+    detail::activate_into(B{}, raw, drawn, t.attributes);
 #else
-    activate_into(B{}, raw, drawn);
+    detail::activate_into(B{}, raw, drawn);
 #endif
 }
 
@@ -286,7 +286,7 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
     t.offset.input.resize(t.expression.size() + t.pose.size(), 1);
     t.offset.input << t.expression, t.pose;
     t.offset.squashed = mlp_forward<T>(B{}, eyes.offset, t.offset.input, VecX<T>(), &t.offset.mlp);
-    squash_in_place(Squash::tanh, t.offset.squashed);
+    detail::squash_in_place(Squash::tanh, t.offset.squashed);
     centre += T(c.deform_scale) * t.offset.squashed.reshaped(3, 2);
 #endif
     Gaussians<T>& g = t.gaussians;
@@ -330,19 +330,20 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
             for (std::size_t l = 0; l < lights.size(); ++l) {
                 const T value =
                     mirror.strength * light_lobe(mirror.to, lights[l].to, lights[l].width);
-                for (Index c = 0; c < light_channels; ++c)
+                for (Index c = 0; c < detail::light_channels; ++c)
                     colour[c] += eyes.light_intensity(c, Index(l)) * value;
             }
         }
 #endif
-        const GaussianArrays<T> out = columns_from(arrays_of(g), {begin + first, n});
+        const detail::GaussianArrays<T> out =
+            detail::columns_from(arrays_of(g), {begin + first, n});
         const T* const log_scale = eyes.log_scale.data() + 3 * first;
         const T* const rotation = eyes.rotation.data() + 4 * first;
         for_chunks(Serial{}, n, 256, [&](Index b, Index e, Index) {
             for (Index i = b; i < e; ++i) {
-                put_column<3>(eye.apply(column3(seen.data(), i)), out.mean.data, i);
-                put_column<4>(quat_product<T>(eye.quaternion, column4(rotation, i)),
-                              out.rotation.data, i);
+                detail::put_column<3>(eye.apply(detail::column3(seen.data(), i)), out.mean.data, i);
+                detail::put_column<4>(quat_product<T>(eye.quaternion, detail::column4(rotation, i)),
+                                      out.rotation.data, i);
                 for (Index k = 0; k < 3; ++k) {
                     const T scale = drawn_scale(log_scale[3 * i + k]);
 #if !WITHOUT_HEAD_POSE
@@ -355,7 +356,8 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
             }
         });
     };
-    EyeTransform<T> left = eye_at<T>(centre.col(0)), right = eye_at<T>(centre.col(1));
+    EyeTransform<T> left = detail::eye_at<T>(centre.col(0)),
+                    right = detail::eye_at<T>(centre.col(1));
 #if !WITHOUT_LEFT_GAZE
     turn_eye<T>(left, drivers.left);
 #endif
@@ -364,8 +366,8 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
 #endif
 #if !WITHOUT_HEAD_POSE
     const HeadPlacement<T> head{{t.head.rotation, t.head.translation}, t.head.scale};
-    carry_eye<T>(left, head);
-    carry_eye<T>(right, head);
+    detail::carry_eye<T>(left, head);
+    detail::carry_eye<T>(right, head);
 #endif
 #if !WITHOUT_LEFT_GAZE
     t.left_turn = left.quaternion;

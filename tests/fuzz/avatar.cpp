@@ -15,17 +15,17 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         const Safetensors file = parse_safetensors(bytes, fuzz::name);
         TensorMetadata metadata = file.metadata();
         const auto found = metadata.extract("checksun");
-        if (!found.empty() && found.mapped().size() == checksum_digits &&
+        if (!found.empty() && found.mapped().size() == detail::checksum_digits &&
             at != std::string_view::npos) {
             bytes[at + 8] = std::byte{'m'};
-            const std::string right = tensor_checksum(file.tensors(), metadata);
+            const std::string right = detail::tensor_checksum(file.tensors(), metadata);
             std::memcpy(bytes.data() + at + 12, right.data(), right.size());
         }
     } catch (const Error&) { // parse_avatar says so again
     }
     fuzz::attempt([&] {
         const PlayableAvatar<float> p = parse_avatar<float>(bytes, fuzz::name);
-        check_playable(fuzz::name, p);
+        detail::check_playable(fuzz::name, p);
         Index numbers = 0; // of 2 bytes each in the file, or 4
         TrainedAvatar<float>::fields(
             [&](const std::string&, const Columns<float>& a) { numbers += a.size(); }, p.avatar);

@@ -8,7 +8,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     using namespace rye;
     fuzz::attempt([&] {
         const SplatBases b = parse_bases(fuzz::unchecked(data, size), fuzz::name);
-        check_bases(fuzz::name, b);
+        detail::check_bases(fuzz::name, b);
         fuzz::demand(4 * b.begin.size() + 30 * b.index.size() <= size,
                      "bases are no larger than their file");
     });

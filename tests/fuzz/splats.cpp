@@ -23,7 +23,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const ByteSpan bytes = fuzz::bytes_of(data, size);
     fuzz::attempt([&] {
         const auto cloud = parse_splat<float>(bytes, fuzz::name);
-        fuzz::demand(static_cast<std::size_t>(cloud.count()) * splat_record == size,
+        fuzz::demand(static_cast<std::size_t>(cloud.count()) * detail::splat_record == size,
                      "a Gaussian for each record");
         demand_finite(cloud);
     });

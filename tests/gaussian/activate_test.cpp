@@ -93,7 +93,8 @@ TEST_CASE("activate: bands above the most are as if they were 0, and bands of 0 
 TEST_CASE("activate: the gate of a colour below zero is shut both ways") {
     GaussianCloud<double> cloud(1, 0);
     fill(cloud, 4);
-    for (const double c : {-0.5 / sh_factor(0) * (1 + 1e-12), -0.5 / sh_factor(0) * (1 - 1e-12)}) {
+    for (const double c :
+         {-0.5 / detail::sh_factor(0) * (1 + 1e-12), -0.5 / detail::sh_factor(0) * (1 - 1e-12)}) {
         cloud.sh_constant.setConstant(c);
         const Gaussians<double> drawn = activate(cloud, Vec3<double>(1, 2, 3));
         Gaussians<double> w(1, 3);

@@ -48,7 +48,7 @@ TEST_CASE("move_cloud: means, covariances and colours follow a similarity") {
         const auto before = cloud_of(30, degree);
         auto after = before;
         const Similarity s{1.7, some_rotation(9), Vec3<double>(1, -2, 3)};
-        move_cloud(after, s);
+        detail::move_cloud(after, s);
         const Index more = before.sh_rest.rows() / 3;
         for (Index i = 0; i < before.count(); ++i) {
             CHECK(largest(after.mean.col(i) -
@@ -72,7 +72,7 @@ TEST_CASE("move_cloud: means, covariances and colours follow a similarity") {
 TEST_CASE("move_cloud: no motion changes nothing but the length of quaternions") {
     const auto before = cloud_of(10, 3);
     auto after = before;
-    move_cloud(after, {});
+    detail::move_cloud(after, {});
     CHECK(after.mean == before.mean);
     CHECK(after.log_scale == before.log_scale);
     CHECK(after.sh_rest == before.sh_rest);

@@ -67,10 +67,10 @@ TEST_CASE("project, mip: large Gaussians keep their opacity, specks their light,
         const double full = std::sqrt(project(s, plain).determinant);
         light = std::max(light, std::abs(p.share * std::sqrt(p.determinant) / full - 1));
         CHECK(p.share < 0.1);
-        CHECK(kept_opacity(p, 0.5) == 0.5 * p.share);
+        CHECK(detail::kept_opacity(p, 0.5) == 0.5 * p.share);
         // The screen Gaussian itself is the dilated one.
         CHECK(p.determinant == project(s, lens).determinant);
-        CHECK(kept_opacity(project(s, lens), 0.5) == 0.5);
+        CHECK(detail::kept_opacity(project(s, lens), 0.5) == 0.5);
     }
     CHECK(large < 1e-6);
     CHECK(light < 1e-12);
@@ -114,12 +114,12 @@ TEST_CASE("project: determinant and exponent of needles in float") {
             const Vec3<float> x(float(sigma * std::cos(a)), float(-e * std::sin(a)), 0);
             const Vec3<float> y(float(sigma * std::sin(a)), float(e * std::cos(a)), 0);
             const Vec3<double> xd = x.cast<double>(), yd = y.cast<double>();
-            const double truth = gram_determinant(xd, yd, double(0.3F));
-            const double det = double(gram_determinant(x, y, 0.3F));
+            const double truth = detail::gram_determinant(xd, yd, double(0.3F));
+            const double det = double(detail::gram_determinant(x, y, 0.3F));
             worst_det = std::max(worst_det, std::abs(det / truth - 1));
             if (sigma > 1000) continue;
-            const auto f = precision_factor(x, y, 0.3F);
-            const auto g = precision_factor(xd, yd, double(0.3F));
+            const auto f = detail::precision_factor(x, y, 0.3F);
+            const auto g = detail::precision_factor(xd, yd, double(0.3F));
             const double u = 3 * (2 * d.uniform() - 1), v = d.normal();
             const float dx = float(u * sigma * std::cos(a) - 0.5 * v * std::sin(a));
             const float dy = float(u * sigma * std::sin(a) + 0.5 * v * std::cos(a));

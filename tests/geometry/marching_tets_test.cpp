@@ -60,7 +60,7 @@ double surface_dot_error(const TetGrid<T>& grid, const Columns<T>& sdf, Index ch
     const Surface<T> s = marching_tetrahedra<T>(grid.topology, grid.vertices, sdf);
     const Index m = s.topology.vertex_count();
     const Columns<T> wx = random_columns<T>(3, m, 5), wf = random_columns<T>(channels, m, 6);
-    const Columns<D> fraction = crossing_fractions<D>(s.topology, lifted(sdf, ds));
+    const Columns<D> fraction = detail::crossing_fractions<D>(s.topology, lifted(sdf, ds));
     DotProducts d;
     d.add_forward(tangents<T>(surface_positions<D>(s.topology, lifted(grid.vertices, dx),
                                                    lifted(sdf, ds))), wx);
@@ -195,7 +195,7 @@ TEST_CASE("marching_tetrahedra: no surface, one tetrahedron, values that are not
             s, {g.vertices, sdf, Columns<double>::Ones(2, 4)}, {none, no_features});
         CHECK(gradient.sdf.norm() == 0);
         CHECK(gradient.vertices.norm() == 0);
-        CHECK(touched_vertices(s.topology).empty());
+        CHECK(detail::touched_vertices(s.topology).empty());
     }
     for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity()}) {
         Columns<double> sdf = Columns<double>::Constant(1, 4, 1.0);
@@ -219,14 +219,14 @@ TEST_CASE("touched_vertices: the surface over them alone is the same surface") {
     const TetGrid<double> g = cube(1.5, 0.3);
     const Columns<double> sdf = sphere_sdf<double>(g.vertices, 1);
     const Surface<double> s = marching_tetrahedra<double>(g.topology, g.vertices, sdf);
-    const std::vector<Index> touched = touched_vertices(s.topology);
+    const std::vector<Index> touched = detail::touched_vertices(s.topology);
     CHECK(touched.size() < static_cast<std::size_t>(g.vertices.cols() / 2));
     Columns<double> x(3, static_cast<Index>(touched.size())), d(1, x.cols());
     for (Index i = 0; i < x.cols(); ++i) {
         x.col(i) = g.vertices.col(touched[static_cast<std::size_t>(i)]);
         d.col(i) = sdf.col(touched[static_cast<std::size_t>(i)]);
     }
-    const SurfaceTopology small = over_touched(s.topology, touched);
+    const SurfaceTopology small = detail::over_touched(s.topology, touched);
     CHECK(small.faces == s.topology.faces);
     CHECK(surface_positions<double>(small, x, d) == s.positions);
 }

@@ -450,7 +450,8 @@ TEST_CASE("rasterize_mesh_into: what an image had before, of any size or setting
     const auto of = [&](const TriangleMesh<float>& m, const Pinhole<float>& camera, Index channels,
                         const MeshRasterSettings& settings, MeshRaster<float>& out) {
         const Columns<float> a = colours(m, channels);
-        rasterize_mesh_into<float>(Plain{}, {m.vertices, m.faces, a}, camera, settings, out);
+        detail::rasterize_mesh_into<float>(Plain{}, {m.vertices, m.faces, a}, camera, settings,
+                                           out);
         const Columns<float> ws = random_columns<float>(1, out.mask.size(), 5);
         return rasterize_mesh_vjp<float>(Plain{}, out, {m.vertices, m.faces, a}, camera,
                                          {nullptr, &ws});

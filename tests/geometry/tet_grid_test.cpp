@@ -55,7 +55,8 @@ void check_edges(const TetTopology& t) {
     for (std::size_t i = 0; right && i < t.tets.size(); ++i)
         for (std::size_t e = 0; e < 6; ++e) {
             const auto [a, b] = t.edges[static_cast<std::size_t>(t.tet_edges[i][e])];
-            const Index p = t.tets[i][tet_edge_corners[e][0]], q = t.tets[i][tet_edge_corners[e][1]];
+            const Index p = t.tets[i][detail::tet_edge_corners[e][0]],
+                        q = t.tets[i][detail::tet_edge_corners[e][1]];
             right = right && a == std::min(p, q) && b == std::max(p, q);
             used.insert(t.tet_edges[i][e]);
         }

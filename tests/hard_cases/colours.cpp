@@ -115,7 +115,7 @@ void e4(Report& report) {
     bool same = true, ungated = true;
     const T u = std::numeric_limits<T>::epsilon();
     for (const T c : {T(-0.5) * (T(1) + u), T(-0.5) * (T(1) - u), T(-0.5), T(0.3)}) {
-        const T band = c / static_cast<T>(sh_factor(0));
+        const T band = c / static_cast<T>(detail::sh_factor(0));
         D lifted(band);
         lifted.d[0] = T(1);
         const D constants[3] = {lifted, lifted, lifted};
@@ -127,7 +127,7 @@ void e4(Report& report) {
         T g[3];
         color.vjp(Vec3<T>(T(1), T(1), T(1)), nullptr, g, nullptr);
         same = same && g[0] == dual.rgb()[0].d[0] && (color.rgb()[0] > T(0)) == (g[0] != T(0));
-        if (c < T(-0.5)) ungated = dual.rgb()[0].d[0] == static_cast<T>(sh_factor(0));
+        if (c < T(-0.5)) ungated = dual.rgb()[0].d[0] == static_cast<T>(detail::sh_factor(0));
     }
     report.holds("E4", kind_of<T>(), "c in -.5 (1 +- u), -.5: gate equal in value, vjp, dual",
                  same);

@@ -49,11 +49,11 @@ void a1(Report& report) {
         for (std::uint64_t i = 0; i < 4000; ++i) {
             Vec3<S> x, y;
             needle(sigma, 1e-3, 6.2831853 * Random{1, 0}.uniform(i), x, y);
-            const double det = first(gram_determinant(x, y, d));
+            const double det = first(detail::gram_determinant(x, y, d));
             const auto truth = exact_determinant(x, y, static_cast<double>(R(0.3)));
             positive = positive && det > 0;
             worsen(worst, static_cast<double>(std::abs(det / truth - 1)));
-            const double plain = first(gram(x, y, d).determinant());
+            const double plain = first(detail::gram(x, y, d).determinant());
             worsen(naive, static_cast<double>(std::abs(plain / truth - 1)));
         }
     const double demanded = sizeof(R) == 4 ? 4e-7 : 4e-15;
@@ -72,8 +72,8 @@ void a2(Report& report) {
     for (std::uint64_t i = 0; i < 2000; ++i) {
         Vec3<S> x, y;
         needle(sigma, 1e-3, 6.2831853 * Random{2, 0}.uniform(i), x, y);
-        const PrecisionFactor<S> f = precision_factor(x, y, S(R(d)));
-        const Sym2<S> cov = gram(x, y, S(R(d)));
+        const detail::PrecisionFactor<S> f = detail::precision_factor(x, y, S(R(d)));
+        const Sym2<S> cov = detail::gram(x, y, S(R(d)));
         const S det = cov.determinant();
         const Sym2<S> conic{cov.yy / det, -cov.xy / det, cov.xx / det};
         // Offsets within three standard deviations, along the needle and across.
@@ -143,7 +143,7 @@ void a3(Report& report) {
                 for (int c = 1; c < 3; ++c) m(r, c) = m(r, c) * s;
             const Vec3<S> column = m.col(2);
             worsen(worst, std::abs(first(norm(column)) / first(s) - 1));
-            const Sym3<S> g = gram(m);
+            const Sym3<S> g = detail::gram(m);
             if (!definite(g)) ++indefinite;
         }
     // From the rows of a unit quaternion, whose columns are of length 1 within a few units.
@@ -233,8 +233,8 @@ double needle_gap(const std::array<double, 10>& a, double& cancelled) {
         w.along_y[i] = l.along_y[i];
     }
     const auto factor = [](const auto& of, const auto& scale, const auto& d) {
-        return precision_factor(detail::scaled_by(of.along_x, scale),
-                                detail::scaled_by(of.along_y, scale), d);
+        return detail::precision_factor(detail::scaled_by(of.along_x, scale),
+                                        detail::scaled_by(of.along_y, scale), d);
     };
     const auto f = factor(l, s.scale, lens.dilation);
     const auto truth = detail::whitened_second_row(w, wide.scale,

@@ -97,7 +97,7 @@ void f8_f9(Report& report) {
     const Columns<T> none = Columns<T>::Zero(1, 9), full = Columns<T>::Ones(1, 9);
     const Columns<T> faint = Columns<T>::Constant(1, 9, T(1e-30));
     const auto iou = [&](const Columns<T>& a, const Columns<T>& b) {
-        return silhouette_term<T>(ScalarBackend<>{}, a, b, full);
+        return detail::silhouette_term<T>(ScalarBackend<>{}, a, b, full);
     };
     const auto ee = iou(none, none), ea = iou(none, full), aa = iou(full, full),
                ff = iou(faint, none);
@@ -109,7 +109,7 @@ void f8_f9(Report& report) {
     const T zero = none(0, 0);
     report.textbook_fails("F8", kind_of<T>(), "intersection / union of empty masks",
                           std::isfinite(zero / zero));
-    const LossTerm<T> nothing = landmark_term<T>(Columns<T>(1, 0));
+    const LossTerm<T> nothing = detail::landmark_term<T>(Columns<T>(1, 0));
     const auto blink = masked_l1<T>(ScalarBackend<>{}, picture<T>(3).pixels, picture<T>(2).pixels,
                                     Columns<T>(Columns<T>::Zero(1, 480)));
     report.holds("F9", kind_of<T>(), "mean over nothing: value 0, count 0; blink: gradient 0",
@@ -125,7 +125,7 @@ void f10_f11_f16(Report& report) {
     Columns<T> d(1, 3);
     const T tiny = flushed() ? std::numeric_limits<T>::min() : std::numeric_limits<T>::denorm_min();
     d << T(0), tiny, T(-tiny);
-    const auto l = landmark_term<T>(d);
+    const auto l = detail::landmark_term<T>(d);
     report.holds("F10", kind_of<T>(), "|x| at 0: slope 0; at +-denormal: +-1/n",
                  l.gradient(0, 0) == T(0) && l.gradient(0, 1) > T(0) && l.gradient(0, 2) < T(0));
     report.textbook_fails("F10", kind_of<T>(), "x / |x| at 0", std::isfinite(d(0, 0) / d(0, 0)));

@@ -31,7 +31,7 @@ void i1(Report& report) {
         const R x = static_cast<R>(Random{1, 0}.normal(2 * i)),
                 y = static_cast<R>(Random{1, 2}.normal(2 * i));
         const Vec3<S> row = {S(x), S(y), S(R(0))};
-        sound = sound && first(gram_determinant(row, row, S(R(0)))) >= 0;
+        sound = sound && first(detail::gram_determinant(row, row, S(R(0)))) >= 0;
         if (std::fma(x, x, -(x * x)) < 0) ++negative;
     }
     report.holds("I1", kind_of<S>(), "100000 pairs of equal rows: determinant >= 0", sound);
@@ -86,7 +86,7 @@ void i8(Report& report) {
     for (Index n = 0; n <= 4 * lanes + 3; ++n) {
         std::vector<T> in(static_cast<std::size_t>(n)), out(static_cast<std::size_t>(n) + 8, T(-7));
         for (Index i = 0; i < n; ++i) in[static_cast<std::size_t>(i)] = static_cast<T>(i) - T(3);
-        transform_array<XsimdBackend<>>(
+        detail::transform_array<XsimdBackend<>>(
             n, out.data(), [](auto x) { return leaky_relu(x); }, in.data());
         for (std::size_t i = 0; i < in.size(); ++i) same = same && out[i] == leaky_relu(in[i]);
         for (std::size_t i = in.size(); i < out.size(); ++i) guarded = guarded && out[i] == T(-7);

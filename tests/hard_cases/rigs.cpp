@@ -20,11 +20,12 @@ void c6_c7(Report& report) {
     const T inf = std::numeric_limits<T>::infinity();
     bool refused = true, taken = true;
     for (const T bad : {T(0), T(1e-30), T(NAN), inf, T(-inf)}) try {
-            checked_gaze(Vec3<T>(bad, T(0), T(0)));
+            detail::checked_gaze(Vec3<T>(bad, T(0), T(0)));
             refused = false;
         } catch (const Error&) {}
     for (const T big : {T(1e-5), T(1), T(1e30)})
-        taken = taken && std::abs(double(norm(checked_gaze(Vec3<T>(T(0), big, big)))) - 1) < 1e-6;
+        taken = taken &&
+                std::abs(double(norm(detail::checked_gaze(Vec3<T>(T(0), big, big)))) - 1) < 1e-6;
     report.holds("C6", kind_of<T>(), "gaze 0, 1e-30, NaN, +-inf: Error; 1e-5 to 1e30: unit",
                  refused && taken);
     const Vec3<T> none(T(0), T(0), T(0));
@@ -178,7 +179,7 @@ void d_metric(Report& report, const char* metric) {
                      std::isfinite(m.value(thin, t)));
     bool thrown = true;
     for (const auto& [a, b] : {std::pair<T, T>{T(2), T(1)}, {T(-1), T(1)}, {T(NAN), T(1)}}) try {
-            checked_ramp<T>(a, b);
+            detail::checked_ramp<T>(a, b);
             thrown = false;
         } catch (const Error&) {}
     report.holds("D1", kind, "t1 > t2, negative, NaN: Error", thrown);
@@ -264,7 +265,7 @@ void d8(Report& report) {
         const Ramp<T> r{T(0.15), T(0.25)};
         left(0, 0) = right(0, 0) = influence(SquaredDistance(), r, T(d2));
         Columns<T> l = left, q = right;
-        const T most = resolve_overlap(Overlap::normalized, l, q);
+        const T most = detail::resolve_overlap(Overlap::normalized, l, q);
         report.holds("D8", kind_of<T>(),
                      "midway between eyes " + std::string(gap < 0.5 ? "2" : "6") +
                          " cm apart: sum returned, normalised to 1",

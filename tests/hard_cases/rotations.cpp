@@ -263,7 +263,7 @@ void c14(Report& report) {
     using D = Dual<T, 1>;
     Vec3<D> x(D(T(1)), D(T(0)), D(T(0))), y(D(T(0)), D(T(1)), D(T(0)));
     x[0].d[0] = T(1);
-    const PrecisionFactor<D> f = precision_factor(x, y, D(T(0.3)));
+    const detail::PrecisionFactor<D> f = detail::precision_factor(x, y, D(T(0.3)));
     report.holds("C14", kind_of<T>(), "isotropic: derivatives of the factor are finite",
                  isfinite(f.k1) && isfinite(f.k2) && isfinite(f.m));
     const T equal = T(1);

@@ -70,9 +70,9 @@ void g2(Report& report) {
     for (const double e : {1e-3, 1e-20, 1e-38, 1e-45}) {
         Columns<T> s(1, 2), g = Columns<T>::Zero(1, 2);
         s << static_cast<T>(e), static_cast<T>(-e);
-        const Columns<T> t = crossing_fractions<T>(one, s);
+        const Columns<T> t = detail::crossing_fractions<T>(one, s);
         half = half && t(0, 0) == T(0.5);
-        crossing_fractions_vjp<T>(one, s, Columns<T>::Ones(1, 1), g);
+        detail::crossing_fractions_vjp<T>(one, s, Columns<T>::Ones(1, 1), g);
         finite = finite && g.allFinite() && (e > 1e-8 || g.isZero(0));
         const T difference = s(0, 0) - s(0, 1);
         textbook = textbook && std::isfinite(-s(0, 1) / (difference * difference));

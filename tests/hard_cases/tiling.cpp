@@ -31,7 +31,7 @@ One<T> one(double cx, double cy, double sx, double sy, double angle, double opac
                Vec3<T>(T(sx / 100), T(sy / 100), T(1e-5))};
     o.screen = project(s, Projector<T>(o.camera, 100, accuracy.dilation));
     o.splat = make_splat(o.screen, T(opacity), accuracy);
-    o.footprint = footprint_of<Balanced>(o.screen, o.splat, o.camera.cx, o.camera.cy);
+    o.footprint = detail::footprint_of<Balanced>(o.screen, o.splat, o.camera.cx, o.camera.cy);
     return o;
 }
 
@@ -40,15 +40,15 @@ template <class T>
 void cover(const One<T>& o, Index& misses, Index& tiles, Index& needed, double sigma_box = 0) {
     const Cover<Support::ellipse, T> c{o.footprint, o.camera.width, o.camera.height};
     const Span rows = c.rows();
-    for (int ty = 0; ty < 96 / tile_edge; ++ty) {
+    for (int ty = 0; ty < 96 / detail::tile_edge; ++ty) {
         Span span;
-        if (rows.begin < rows.end && ty >= rows.begin / tile_edge &&
-            ty <= (rows.end - 1) / tile_edge)
+        if (rows.begin < rows.end && ty >= rows.begin / detail::tile_edge &&
+            ty <= (rows.end - 1) / detail::tile_edge)
             span = c.columns(ty, rows);
-        for (int tx = 0; tx < 128 / tile_edge; ++tx) {
+        for (int tx = 0; tx < 128 / detail::tile_edge; ++tx) {
             bool wanted = false;
-            for (int y = ty * tile_edge; y < (ty + 1) * tile_edge; ++y)
-                for (int x = tx * tile_edge; x < (tx + 1) * tile_edge; ++x) {
+            for (int y = ty * detail::tile_edge; y < (ty + 1) * detail::tile_edge; ++y)
+                for (int x = tx * detail::tile_edge; x < (tx + 1) * detail::tile_edge; ++x) {
                     const T px = T(x) + T(0.5) - o.camera.cx, py = T(y) + T(0.5) - o.camera.cy;
                     // For the given numbers, without the kernel's rounding.
                     const long double dx = px - static_cast<long double>(o.splat.x);
@@ -135,7 +135,7 @@ void b7(Report& report) {
         camera.cx = camera.cy = T(8), camera.width = camera.height = 16;
         RasterScratch<T> scratch;
         scratch.shape(1);
-        project_range(SplatInput{view_of(g), camera, accuracy}, {0, 1}, scratch);
+        detail::project_range(SplatInput{view_of(g), camera, accuracy}, {0, 1}, scratch);
         // At the threshold itself the footprint may be the centre alone; beyond, it is drawn.
         if (o < theta) declared = declared && scratch.state[0] == Visibility::hidden;
         if (o > theta * T(1 + 1e-5)) declared = declared && scratch.state[0] == Visibility::visible;
@@ -150,7 +150,7 @@ void b7(Report& report) {
 
 template <class T>
 void b11(Report& report) {
-    using Bits = decltype(depth_key(T()));
+    using Bits = decltype(detail::depth_key(T()));
     std::vector<T> x;
     for (std::uint64_t i = 0; i < 200000; ++i) {
         const T v = std::bit_cast<T>(static_cast<Bits>(Random{11, 0}.bits(i)));
@@ -163,7 +163,7 @@ void b11(Report& report) {
     Index inversions = 0, raw = 0;
     for (std::size_t i = 1; i < sorted.size(); ++i) {
         if (sorted[i - 1] == sorted[i]) continue; // -0 and +0
-        if (!(depth_key(sorted[i - 1]) < depth_key(sorted[i]))) ++inversions;
+        if (!(detail::depth_key(sorted[i - 1]) < detail::depth_key(sorted[i]))) ++inversions;
         if (!(std::bit_cast<Bits>(sorted[i - 1]) < std::bit_cast<Bits>(sorted[i]))) ++raw;
     }
     report.at_most("B11", kind_of<T>(), "200000 numbers of random bits and specials: inversions", 0,
@@ -177,15 +177,16 @@ void b12_b13(Report& report) {
     std::vector<Span> rows(3, Span{0, 1 << 20});
     Footprint<T> f{T(1 << 19), T(1 << 19), T(4), {T(1e12), T(0), T(1e12)}, T(1e24)};
     TileLists lists;
-    const Index all = Index(3) * (64 / tile_edge) * ((1 << 20) / tile_edge);
+    const Index all = Index(3) * (64 / detail::tile_edge) * ((1 << 20) / detail::tile_edge);
     bool told = false;
     try {
-        BinScratch<std::uint32_t> scratch;
+        detail::BinScratch<std::uint32_t> scratch;
         lists.build<Support::ellipse, T>(
             Serial{}, {64, 1 << 20},
-            BinInput{3, [&](Index m) { return rows[std::size_t(m)]; },
-                     [](Index m) { return static_cast<std::uint32_t>(m); },
-                     [](Index m) { return m; }, [&](Index) -> const Footprint<T>& { return f; }},
+            detail::BinInput{3, [&](Index m) { return rows[std::size_t(m)]; },
+                             [](Index m) { return static_cast<std::uint32_t>(m); },
+                             [](Index m) { return m; },
+                             [&](Index) -> const Footprint<T>& { return f; }},
             all - 1, scratch);
     } catch (const Error&) {
         told = true;
@@ -215,10 +216,10 @@ void b12_b13(Report& report) {
             spans.push_back(p);
         }
         TileLists t;
-        BinScratch<std::uint32_t> scratch;
+        detail::BinScratch<std::uint32_t> scratch;
         t.build<Support::ellipse, T>(
             Serial{}, {100, 70},
-            BinInput{
+            detail::BinInput{
                 static_cast<Index>(feet.size()),
                 [&](Index m) { return spans[static_cast<std::size_t>(m)]; },
                 [](Index m) { return static_cast<std::uint32_t>(m); }, [](Index m) { return m; },

@@ -82,8 +82,8 @@ TEST_CASE(
         CHECK(p.camera.camera_from_world.rotation == q.camera.camera_from_world.rotation);
         CHECK(p.camera.camera_from_world.translation == q.camera.camera_from_world.translation);
         CHECK(p.background == q.background);
-        CHECK(settings_text({p.config, p.avatar.upsampler.shape}) ==
-              settings_text({q.config, q.avatar.upsampler.shape}));
+        CHECK(detail::settings_text({p.config, p.avatar.upsampler.shape}) ==
+              detail::settings_text({q.config, q.avatar.upsampler.shape}));
     }
 }
 
@@ -147,7 +147,7 @@ TEST_CASE("avatar file: other files and damaged ones are refused by what is wron
         CHECK_FAULT(parse(word("left_eye_points", points)), "expected a whole number from 1 to 17");
     CHECK_FAULT(parse(word("expression_names", "[1]")), "expected a list of names");
     CHECK_FAULT(parse(word("expression_names", "[\"a\"]")), "names of 1 expression coefficients");
-    std::string settings = settings_text({p.config, p.avatar.upsampler.shape});
+    std::string settings = detail::settings_text({p.config, p.avatar.upsampler.shape});
     const auto setting = [&](const std::string& from, const std::string& to) {
         std::string text = settings;
         const std::size_t at = text.find(from);

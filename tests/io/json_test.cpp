@@ -70,8 +70,8 @@ TEST_CASE("json: escapes are UTF-8") {
     CHECK(*parse(R"("\u00e9\u20AC\ud83d\ude00\/\b")").get<std::string>() ==
           "\xC3\xA9\xE2\x82\xAC\xF0\x9F\x98\x80/\b");
     const std::string wild = "\x01 \"\\ \xC3\xA9";
-    CHECK(json_string("\x01\"") == R"("\u0001\"")");
-    CHECK(*parse(json_string(wild)).get<std::string>() == wild);
+    CHECK(detail::json_string("\x01\"") == R"("\u0001\"")");
+    CHECK(*parse(detail::json_string(wild)).get<std::string>() == wild);
 }
 
 TEST_CASE("json: what is not JSON is refused with the place") {
@@ -133,9 +133,10 @@ TEST_CASE("json: a value as text on one line") {
 TEST_CASE("json: texts that are not UTF-8") {
     for (const char* good : {"", "a", "\xC3\xA4", "\xE2\x82\xAC", "\xF0\x9F\x99\x82",
                              "\xED\x9F\xBF", "\xF4\x8F\xBF\xBF"})
-        CHECK_NOTHROW(require_utf8(good, "a"));
+        CHECK_NOTHROW(detail::require_utf8(good, "a"));
     for (const char* bad : {"\x80", "\xC0\x80", "\xC3", "\xE0\x80\x80", "\xED\xA0\x80",
                             "\xF0\x80\x80\x80", "\xF4\x90\x80\x80", "\xF5\x80\x80\x80",
                             "\xE2\x82"})
-        CHECK_FAULT(require_utf8(std::string("ab") + bad, "a.json"), "a.json: its byte 2 begins");
+        CHECK_FAULT(detail::require_utf8(std::string("ab") + bad, "a.json"),
+                    "a.json: its byte 2 begins");
 }

@@ -75,7 +75,7 @@ std::map<std::string, Bytes> written(const std::filesystem::path& folder) {
     files["npy"] = read_file(folder / "n.npy");
     write_npz(folder / "n.npz", {{"mean", npy_array<float>(c.mean)}});
     files["npz"] = read_file(folder / "n.npz");
-    files["settings"] = bytes_of(settings_text({p.config, p.avatar.upsampler.shape}));
+    files["settings"] = bytes_of(detail::settings_text({p.config, p.avatar.upsampler.shape}));
     return files;
 }
 

@@ -113,9 +113,12 @@ TEST_CASE("bases: wrong files are told by their messages") {
     const TemporaryFolder folder;
     const std::filesystem::path path = folder.path / "b.safetensors";
     const SplatBases b = small_bases();
-    const TensorMetadata words{{"format", bases_format}, {"version", bases_version},
-                               {"gaussians", "5"},       {"head", "[1,0,0,0]"},
-                               {"bases", "[]"},          {"eyes", "[]"}};
+    const TensorMetadata words{{"format", detail::bases_format},
+                               {"version", detail::bases_version},
+                               {"gaussians", "5"},
+                               {"head", "[1,0,0,0]"},
+                               {"bases", "[]"},
+                               {"eyes", "[]"}};
     const auto read = [&](const std::string& key, const std::string& word) {
         TensorMetadata metadata = words;
         metadata[key] = word;

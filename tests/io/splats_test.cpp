@@ -86,7 +86,7 @@ TEST_CASE("splat: a record as written down") {
     GaussianCloud<double> c(1, 0);
     c.mean << 1, -2, 3.5;
     c.log_scale << std::log(0.25), std::log(0.5), std::log(4);
-    c.sh_constant << 0.5 / sh_factor(0), 0.001 / sh_factor(0), -9;
+    c.sh_constant << 0.5 / detail::sh_factor(0), 0.001 / detail::sh_factor(0), -9;
     c.logit_opacity << logit(0.2);
     c.rotation << 3, 0, 0, 0;
     CHECK(splat_bytes(c) == record({1, -2, 3.5F, 0.25F, 0.5F, 4}));
@@ -103,10 +103,11 @@ TEST_CASE("splat: a round trip stays within the stated bounds") {
     CHECK(back.degree() == 0);
     CHECK(largest(back.mean - c.mean) <= 30.0 / (1 << 24));
     CHECK(largest(back.log_scale - c.log_scale) <= 1e-6);
-    CHECK(largest(back.sh_constant - c.sh_constant) * sh_factor(0) <= 0.5 / 255 + 1e-12);
+    CHECK(largest(back.sh_constant - c.sh_constant) * detail::sh_factor(0) <= 0.5 / 255 + 1e-12);
     CHECK(largest(opacities(back) - opacities(c)) <= 0.5 / 255 + 1e-6);
     CHECK(largest_turn(back, c) <= 1);
-    CHECK(splat_bytes(parse_splat<double>(splat_bytes(c), "a")).size() == 500 * splat_record);
+    CHECK(splat_bytes(parse_splat<double>(splat_bytes(c), "a")).size() ==
+          500 * detail::splat_record);
     CHECK(parse_splat<float>({}, "a").count() == 0);
 }
 
@@ -314,9 +315,10 @@ TEST_CASE("glb: its chunks, and each array where the text says, as glTF's axes w
                 56);
     for (Index i = 0; i < 7; ++i) {
         for (Index k = 0; k < 3; ++k)
-            CHECK(shares(k, i) / 65535.0 == doctest::Approx(linear_from_srgb(
-                                                0.5 + sh_factor(0) * c.sh_constant(k, i)))
-                                                .epsilon(1e-3));
+            CHECK(
+                shares(k, i) / 65535.0 ==
+                doctest::Approx(linear_from_srgb(0.5 + detail::sh_factor(0) * c.sh_constant(k, i)))
+                    .epsilon(1e-3));
         CHECK(shares(3, i) / 65535.0 == doctest::Approx(opacities(c)(0, i)).epsilon(1e-3));
     }
     const Columns<double> q = array(stem + "ROTATION", 4);

@@ -54,7 +54,7 @@ Bytes changed(Bytes file, std::size_t at, N x) {
 
 TEST_CASE("spz4: a file of Niantic's library has the numbers that the library reads") {
     const Bytes file = of_the_library();
-    const SpzHeader h = parse_spz4_header(file, "a");
+    const detail::SpzHeader h = parse_spz4_header(file, "a");
     CHECK(h.version == 4);
     CHECK(h.count == 2);
     CHECK(h.fractional_bits == 12);

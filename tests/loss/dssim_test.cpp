@@ -36,7 +36,7 @@ double law_error(int width, int height) {
 
 /// The same in the middle of a black canvas.
 Image<double> framed(const Image<double>& image) {
-    constexpr int edge = ssim_window / 2;
+    constexpr int edge = detail::ssim_window / 2;
     Image<double> out(image.width + 2 * edge, image.height + 2 * edge, 3);
     out.pixels.setZero();
     for (int y = 0; y < image.height; ++y)

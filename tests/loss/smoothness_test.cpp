@@ -25,7 +25,7 @@ Columns<double> draws(Index rows, Index columns, std::uint64_t seed) {
 
 TEST_CASE("smoothness: nothing where all are alike, its gradient that of duals") {
     const Columns<double> points = draws(3, 12, 1), values = draws(2, 12, 2), way = draws(2, 12, 3);
-    const NeighbourGraph graph = four_nearest(points);
+    const detail::NeighbourGraph graph = detail::four_nearest(points);
     CHECK(smoothness(Columns<double>(Columns<double>::Constant(2, 12, 0.7)), graph).value == 0);
     const LossGradient<double> l = smoothness(values, graph);
     using D = Dual<double, 1>;
@@ -42,10 +42,10 @@ TEST_CASE("smoothness: nothing where all are alike, its gradient that of duals")
 TEST_CASE("four nearest: on a line the two on each side, counted from `first`; too few are refused") {
     Columns<float> line = Columns<float>::Zero(3, 9);
     for (Index i = 0; i < 9; ++i) line(0, i) = static_cast<float>(i);
-    auto of_middle = four_nearest(line, 100)[4];
+    auto of_middle = detail::four_nearest(line, 100)[4];
     std::sort(of_middle.begin(), of_middle.end());
     CHECK(of_middle == std::array<Index, 4>{102, 103, 105, 106});
-    CHECK_THROWS_AS(four_nearest(Columns<float>(line.leftCols(4))), Error);
+    CHECK_THROWS_AS(detail::four_nearest(Columns<float>(line.leftCols(4))), Error);
 }
 
 TEST_CASE("nearest and turned: a ring about +z, and points where a turn leads nowhere new") {
@@ -57,7 +57,8 @@ TEST_CASE("nearest and turned: a ring about +z, and points where a turn leads no
     }
     points.col(40) << 0, 0, 1;
     points.col(41) << 0, 0, 1.1;
-    const NeighbourGraph near = four_nearest(points, 7), graph = nearest_and_turned(points, 7);
+    const detail::NeighbourGraph near = detail::four_nearest(points, 7),
+                                 graph = detail::nearest_and_turned(points, 7);
     for (Index i = 0; i < 40; ++i) {
         CHECK(graph[static_cast<std::size_t>(i)][3] == 7 + (i + 10) % 40);
         for (std::size_t k = 0; k < 3; ++k)
@@ -65,7 +66,7 @@ TEST_CASE("nearest and turned: a ring about +z, and points where a turn leads no
     }
     CHECK(graph[40] == near[40]);
     CHECK(graph[41] == near[41]);
-    CHECK_THROWS_AS(nearest_and_turned(Columns<double>(points.leftCols(4))), Error);
+    CHECK_THROWS_AS(detail::nearest_and_turned(Columns<double>(points.leftCols(4))), Error);
 }
 
 TEST_CASE("smoothness: by hand, one point of five that differs from its neighbours") {
@@ -73,7 +74,7 @@ TEST_CASE("smoothness: by hand, one point of five that differs from its neighbou
     // four, each of the others by 1 from one. 8 squares, over 5 numbers.
     Columns<double> values(1, 5);
     values << 0, 0, 0, 0, 1;
-    NeighbourGraph graph(5);
+    detail::NeighbourGraph graph(5);
     for (Index i = 0; i < 5; ++i)
         for (Index k = 0, n = 0; k < 5; ++k)
             if (k != i) graph[static_cast<std::size_t>(i)][static_cast<std::size_t>(n++)] = k;
@@ -89,10 +90,11 @@ TEST_CASE("smoothness: by hand, one point of five that differs from its neighbou
 TEST_CASE("smoothness: the same bits on threads, of more points than a chunk") {
     const Columns<float> points = random_columns<float>(3, 700, 1),
                          values = random_columns<float>(5, 700, 2);
-    const NeighbourGraph graph = four_nearest(points);
+    const detail::NeighbourGraph graph = detail::four_nearest(points);
     ThreadPool pool(3);
     const LossGradient<float> a = smoothness(values, graph),
-                              b = smoothness(pool.threads(), values, graph, neighbour_of(graph));
+                              b = smoothness(pool.threads(), values, graph,
+                                             detail::neighbour_of(graph));
     CHECK(a.value == b.value);
     CHECK(a.gradient == b.gradient);
     CHECK(a.gradient.rowwise().sum().cwiseAbs().maxCoeff() < 1e-6F);  // no point pulls on itself

@@ -97,7 +97,7 @@ TEST_CASE_TEMPLATE("harmonics: adjoint", T, float, double) {
         };
         const Columns<T> dx = random_columns<T>(3, 30, {2});
         const Columns<T> w = random_columns<T>(sh_count(degree), 30, {3});
-        CHECK(dot_product_test(f, vjp, x, dx, w) <= tolerance);
+        CHECK(detail::dot_product_test(f, vjp, x, dx, w) <= tolerance);
     }
 }
 

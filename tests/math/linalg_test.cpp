@@ -37,9 +37,9 @@ TEST_CASE("linalg: determinant of a needle's covariance stays positive and exact
         double worst = 0;
         for (std::uint64_t i = 0; i < 20000; ++i) {
             const Needle n = needle(length, i);
-            const float det = gram_determinant(n.x, n.y, 0.3f);
-            const double truth = gram_determinant<double>(n.x.cast<double>(), n.y.cast<double>(),
-                                                          double(0.3f));
+            const float det = detail::gram_determinant(n.x, n.y, 0.3f);
+            const double truth = detail::gram_determinant<double>(n.x.cast<double>(),
+                                                                  n.y.cast<double>(), double(0.3f));
             REQUIRE(det > 0);
             worst = std::max(worst, std::abs(double(det) / truth - 1));
         }
@@ -52,7 +52,7 @@ TEST_CASE("linalg: the naive determinant fails where Cauchy-Binet does not") {
     int negative = 0;
     for (std::uint64_t i = 0; i < 1000; ++i) {
         const Needle n = needle(1e4, i);
-        negative += gram(n.x, n.y, 0.3f).determinant() <= 0;
+        negative += detail::gram(n.x, n.y, 0.3f).determinant() <= 0;
     }
     CHECK(negative > 200);
 }
@@ -64,10 +64,10 @@ TEST_CASE("linalg: exponent of a needle, lying and standing (A2)") {
             Needle n = needle(length, i);
             if (i % 3 == 1) n.x *= 1e-3f;                       // standing
             if (i % 3 == 2) n.y *= 1e-3f;                       // lying
-            const PrecisionFactor<float> f = precision_factor(n.x, n.y, 0.3f);
+            const detail::PrecisionFactor<float> f = detail::precision_factor(n.x, n.y, 0.3f);
             const Vec3<double> xd = n.x.cast<double>(), yd = n.y.cast<double>();
-            const Sym2<double> s = gram(xd, yd, double(0.3f));
-            const double det = gram_determinant(xd, yd, double(0.3f));
+            const Sym2<double> s = detail::gram(xd, yd, double(0.3f));
+            const double det = detail::gram_determinant(xd, yd, double(0.3f));
             for (std::uint64_t k = 0; k < 100; ++k) {
                 const Vec2<double> z = normal_vec<double, 2>(k, i + 7);
                 // A point of the ellipse: L z with L the Cholesky factor.
@@ -106,7 +106,7 @@ TEST_CASE("linalg: the factor keeps the smallest axis that the covariance loses 
 TEST_CASE("linalg: gram matrices agree with the full product") {
     Mat3<double> m;
     m << 1, 2, 3, -4, 5, -6, 7, -8, 0.5;
-    const Sym3<double> s = gram(m);
+    const Sym3<double> s = detail::gram(m);
     const Mat3<double> full = m * m.transpose();
     CHECK(s.xx == doctest::Approx(full(0, 0)));
     CHECK(s.xy == doctest::Approx(full(0, 1)));
@@ -114,8 +114,9 @@ TEST_CASE("linalg: gram matrices agree with the full product") {
     CHECK(s.yy == doctest::Approx(full(1, 1)));
     CHECK(s.yz == doctest::Approx(full(1, 2)));
     CHECK(s.zz == doctest::Approx(full(2, 2)));
-    const Sym2<double> t = gram<double>(m.row(0), m.row(1), 0.3);
-    CHECK(t.determinant() == doctest::Approx(gram_determinant<double>(m.row(0), m.row(1), 0.3)));
+    const Sym2<double> t = detail::gram<double>(m.row(0), m.row(1), 0.3);
+    CHECK(t.determinant() ==
+          doctest::Approx(detail::gram_determinant<double>(m.row(0), m.row(1), 0.3)));
 }
 
 TEST_CASE("linalg: the pairing of symmetric matrices carries no half (A18)") {
@@ -176,6 +177,6 @@ TEST_CASE("linalg: adjoint of normalising") {
     };
     const Columns<double> dx = random_columns<double>(3, 50, {2});
     const Columns<double> w = random_columns<double>(3, 50, {3});
-    CHECK(dot_product_test(f, vjp, x, dx, w) <= 1e-14);
-    CHECK(difference_test(f, vjp, x, dx, w) <= 2e-9);
+    CHECK(detail::dot_product_test(f, vjp, x, dx, w) <= 1e-14);
+    CHECK(detail::difference_test(f, vjp, x, dx, w) <= 2e-9);
 }

@@ -132,7 +132,7 @@ TEST_CASE_TEMPLATE("rotation: adjoints of normalise, matrix and product (C3)", T
     };
     Columns<T> dx = random_columns<T>(8, n, {2});
     dx.template block<4, 1>(0, 1) *= T(1e-12);
-    CHECK(dot_product_test(f, vjp, x, dx, random_columns<T>(13, n, {3})) <= tolerance);
+    CHECK(detail::dot_product_test(f, vjp, x, dx, random_columns<T>(13, n, {3})) <= tolerance);
 }
 
 TEST_CASE_TEMPLATE("rotation: shortest arc at every angle, the antipode too (C5)", T, float,
@@ -207,11 +207,11 @@ TEST_CASE_TEMPLATE("rotation: adjoint of the exponential map", T, float, double)
                 return Columns<T>(so3_exp_vjp(Vec3<T>(w), Mat3<T>(g)));
             };
             CAPTURE(angle);
-            CHECK(dot_product_test(f, vjp, w, random_columns<T>(3, 1, {i, 5}),
-                                   random_columns<T>(3, 3, {i, 7})) <= tolerance);
+            CHECK(detail::dot_product_test(f, vjp, w, random_columns<T>(3, 1, {i, 5}),
+                                           random_columns<T>(3, 3, {i, 7})) <= tolerance);
             if constexpr (std::is_same_v<T, double>)
-                CHECK(difference_test(f, vjp, w, random_columns<T>(3, 1, {i, 5}),
-                                      random_columns<T>(3, 3, {i, 7})) <= 1e-9);
+                CHECK(detail::difference_test(f, vjp, w, random_columns<T>(3, 1, {i, 5}),
+                                              random_columns<T>(3, 3, {i, 7})) <= 1e-9);
         }
     }
 }

@@ -65,8 +65,8 @@ void all() {
             using std::cos;
             const Columns<S> v = Columns<S>(x.topRows(18)).reshaped(3, 6), s = distances(x);
             const double size[6] = {1, -1, 1e-8, -1, 1, -1e-8};
-            Surface<S> surface{surface_positions<S>(edges, v, s), crossing_fractions<S>(edges, s),
-                               edges};
+            Surface<S> surface{surface_positions<S>(edges, v, s),
+                               detail::crossing_fractions<S>(edges, s), edges};
             const auto r = surface_vjp<S>(surface, {v, s, Columns<S>(0, 6)},
                                           {Columns<S>(g.reshaped(3, 3)), Columns<S>(0, 3)});
             auto out = x;
@@ -77,7 +77,7 @@ void all() {
         });
     scalar_loss("laplacian_term", 3, 5, [](const auto& x) {
         using S = typename std::decay_t<decltype(x)>::Scalar;
-        return laplacian_term<S>(x, fan);
+        return detail::laplacian_term<S>(x, fan);
     });
     scalar_loss("silhouette_term", 1, 6, [](const auto& x) {
         using S = typename std::decay_t<decltype(x)>::Scalar;
@@ -88,7 +88,7 @@ void all() {
             visible(0, i) = S(1.0F - 0.125F * static_cast<float>(i));
             soft(0, i) = S(0.5F) + S(0.1F) * x(0, i);
         }
-        auto r = silhouette_term<S>(ScalarBackend<>{}, soft, mask, visible);
+        auto r = detail::silhouette_term<S>(ScalarBackend<>{}, soft, mask, visible);
         r.gradient = Columns<S>(S(0.1F) * r.gradient);
         return r;
     });
@@ -97,7 +97,8 @@ void all() {
     const Columns<double> faint = Columns<double>::Constant(1, 6, 1e-12),
                           all_of_it = Columns<double>::Ones(1, 6);
     demand("silhouette_term", "faint masks", "double",
-           silhouette_term<double>(ScalarBackend<>{}, faint, faint, all_of_it).gradient.maxCoeff(),
+           detail::silhouette_term<double>(ScalarBackend<>{}, faint, faint, all_of_it)
+               .gradient.maxCoeff(),
            0);
 }
 

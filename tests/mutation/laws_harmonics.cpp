@@ -40,7 +40,7 @@ void ramp(const char* name) {
             for (Index i = 0; i < 3; ++i) {
                 const S d = distance(x, i), by = S(0.04) * cos(x(i, 0));
                 const S slope =
-                    influence_slope(M(), Ramp<S>{S(0.15), S(0.25)}, S(squared ? d : d * d));
+                    detail::influence_slope(M(), Ramp<S>{S(0.15), S(0.25)}, S(squared ? d : d * d));
                 out(i, 0) = g(i, 0) * slope * (squared ? by : S(S(2) * d * by));
             }
             return out;

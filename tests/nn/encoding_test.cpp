@@ -58,8 +58,9 @@ TEST_CASE_TEMPLATE("encoding: number by number as by whole arrays, and so the vj
     double worst = 0, worst_vjp = 0;
     for (Index j = 0; j < 50; ++j)
         for (Index i = 0; i < 3; ++i) {
-            encode_number(x(i, j), default_frequencies, 3, &one(i, j));
-            const T vjp = encode_number_vjp(&y(i, j), &g(i, j), default_frequencies, 3);
+            detail::encode_number(x(i, j), detail::default_frequencies, 3, &one(i, j));
+            const T vjp =
+                detail::encode_number_vjp(&y(i, j), &g(i, j), detail::default_frequencies, 3);
             worst_vjp = std::max(worst_vjp, double(std::abs(value_of(T(vjp - gx(i, j))))));
         }
     for (Index i = 0; i < y.size(); ++i)

@@ -24,7 +24,8 @@ double product_error(Index rows, Index depth, Index columns, std::uint64_t seed)
     const Columns<double> expected = a.template cast<double>() * view.template cast<double>();
 
     double worst = 0;
-    const auto check = [&](const LeftFactor<B, T>& left, const ColumnsView<T>& right, bool turned) {
+    const auto check = [&](const detail::LeftFactor<B, T>& left, const ColumnsView<T>& right,
+                           bool turned) {
         Columns<T> y = start;
         const auto put = [](Index, const auto& sum, const auto& before) { return before - sum; };
         if (turned)
@@ -38,7 +39,7 @@ double product_error(Index rows, Index depth, Index columns, std::uint64_t seed)
         y.block(2, 1, rows, columns) = start.block(2, 1, rows, columns);
         CHECK(y == start);
     };
-    LeftFactor<B, T> left;
+    detail::LeftFactor<B, T> left;
     left.set(a);
     check(left, view, false);
     const Columns<T> turned_x = view.transpose();
@@ -107,7 +108,7 @@ TEST_CASE("product: policies that a backend names give the same numbers") {
 TEST_CASE("product: a column's bits do not depend on its neighbours") {
     using B = XsimdBackend<>;
     const Columns<float> a = random_columns<float>(21, 33, 1), x = random_columns<float>(33, 29, 2);
-    LeftFactor<B, float> left;
+    detail::LeftFactor<B, float> left;
     left.set(a);
     const auto put = [](Index, const auto& sum, const auto&) { return sum; };
     Columns<float> all = Columns<float>::Zero(21, 29), alone = all;
@@ -118,7 +119,7 @@ TEST_CASE("product: a column's bits do not depend on its neighbours") {
 
 TEST_CASE("product: rows tell where a sum stands") {
     using B = XsimdBackend<>;
-    LeftFactor<B, double> left;
+    detail::LeftFactor<B, double> left;
     left.set(Columns<double>::Zero(19, 2));
     const VecX<double> bias = VecX<double>::LinSpaced(64, 0, 63);
     Columns<double> y = Columns<double>::Zero(19, 7);

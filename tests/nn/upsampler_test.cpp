@@ -50,7 +50,7 @@ TEST_CASE("upsampler: parameter counts of the published network") {
     }
     const Upsampler<float> u(UpsamplerShape{32, 32});
     std::vector<std::pair<std::string, Index>> sizes;
-    nested_fields<Upsampler<float>>(
+    detail::nested_fields<Upsampler<float>>(
         "upsampler", [&](const std::string& n, const auto& a) { sizes.emplace_back(n, a.size()); },
         u);
     const std::vector<std::pair<std::string, Index>> expected{

@@ -35,7 +35,7 @@ struct Record {
     }
     template <class P>
     void add_fields(const std::string& prefix, const P& p) {
-        nested_fields<P>(
+        detail::nested_fields<P>(
             prefix, [&](const std::string& n, const Columns<double>& a) { add(n, a); }, p);
     }
 };

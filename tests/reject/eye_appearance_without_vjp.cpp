@@ -6,7 +6,7 @@
 struct Grey {
     static constexpr bool reads_inputs = false;
     template <class T>
-    using Parameters = rye::NoParameters<T, Grey>;
+    using Parameters = rye::detail::NoParameters<T, Grey>;
     template <class P>
     static P init(int, rye::Index, const rye::Random&) {
         return {};

@@ -6,7 +6,7 @@
 struct Still {
     static constexpr bool changes_features = false;
     template <class T>
-    using Parameters = rye::NoParameters<T, Still>;
+    using Parameters = rye::detail::NoParameters<T, Still>;
     template <class P>
     static P init(int, const rye::Random&) {
         return {};

@@ -28,7 +28,8 @@ double gap(const F& f, const Vjp& vjp, const V& camera, const V& other, std::uin
     x << camera, other;
     const Columns<double> dx = random_columns<double>(3, 2, Random{seed, 1});
     const Columns<double> w = random_columns<double>(outputs, 1, Random{seed, 2});
-    return dot_product_test(f, [&](const Columns<double>& g) { return vjp(g); }, x, dx, w);
+    return detail::dot_product_test(
+        f, [&](const Columns<double>& g) { return vjp(g); }, x, dx, w);
 }
 
 } // namespace

@@ -112,11 +112,11 @@ TEST_CASE_TEMPLATE("eye transform: adjoints of offset and rotations", T, float, 
         return eye_points(eye_transform(drive, h), Columns<S>(points.template cast<S>()));
     };
     const auto place_vjp = [&](const Columns<T>& w) {
-        return Columns<T>(eye_offset_cotangent(eye, w));
+        return Columns<T>(detail::eye_offset_cotangent(eye, w));
     };
-    CHECK(dot_product_test(place, place_vjp, random_columns<T>(3, 1, {3}),
-                           random_columns<T>(3, 1, {4}),
-                           random_columns<T>(3, 200, {5})) <= tolerance);
+    CHECK(detail::dot_product_test(place, place_vjp, random_columns<T>(3, 1, {3}),
+                                   random_columns<T>(3, 1, {4}),
+                                   random_columns<T>(3, 200, {5})) <= tolerance);
     const auto turn = [&](const auto& q) {
         using S = typename std::decay_t<decltype(q)>::Scalar;
         EyeTransform<S> e;
@@ -124,6 +124,6 @@ TEST_CASE_TEMPLATE("eye transform: adjoints of offset and rotations", T, float, 
         return eye_rotations(e, Columns<S>(q));
     };
     const auto turn_vjp = [&](const Columns<T>& w) { return eye_rotations_vjp(eye, w); };
-    CHECK(dot_product_test(turn, turn_vjp, rotations, random_columns<T>(4, 200, {6}),
-                           random_columns<T>(4, 200, {7})) <= tolerance);
+    CHECK(detail::dot_product_test(turn, turn_vjp, rotations, random_columns<T>(4, 200, {6}),
+                                   random_columns<T>(4, 200, {7})) <= tolerance);
 }

@@ -184,7 +184,7 @@ TEST_CASE("gaze at: targets that are none are refused") {
     const auto centre = aimed_centres<double>();
     const auto refused = [&](const Vec3<double>& p, double weight = 1) {
         try {
-            checked_target<double>("--gaze-at", {p, weight}, centre, 0.12);
+            detail::checked_target<double>("--gaze-at", {p, weight}, centre, 0.12);
         } catch (const Error& e) {
             return std::string(e.what());
         }

@@ -68,11 +68,11 @@ TEST_CASE("gaze: angular error in float, where acos sees nothing (C8)") {
 
 TEST_CASE("gaze: what has no direction is refused, not normalised (C6)") {
     const float nan = std::nanf(""), inf = std::numeric_limits<float>::infinity();
-    CHECK_THROWS_AS(checked_gaze(Vec3<float>(0, 0, 0)), Error);
-    CHECK_THROWS_AS(checked_gaze(Vec3<float>(0, 1e-30f, 0)), Error);
-    CHECK_THROWS_AS(checked_gaze(Vec3<float>(0, nan, 1)), Error);
-    CHECK_THROWS_AS(checked_gaze(Vec3<float>(0, inf, 1)), Error);
-    const Vec3<float> big = checked_gaze(Vec3<float>(0, 3e30f, 4e30f));
+    CHECK_THROWS_AS(detail::checked_gaze(Vec3<float>(0, 0, 0)), Error);
+    CHECK_THROWS_AS(detail::checked_gaze(Vec3<float>(0, 1e-30f, 0)), Error);
+    CHECK_THROWS_AS(detail::checked_gaze(Vec3<float>(0, nan, 1)), Error);
+    CHECK_THROWS_AS(detail::checked_gaze(Vec3<float>(0, inf, 1)), Error);
+    const Vec3<float> big = detail::checked_gaze(Vec3<float>(0, 3e30f, 4e30f));
     CHECK((big - Vec3<float>(0, 0.6f, 0.8f)).norm() <= 1e-6f);
 }
 

@@ -33,8 +33,9 @@ TEST_CASE("saccades: their measured peak speed is the main sequence's, and peopl
         const double a = degrees * idle_degree, end = 2 * saccade_duration(a);
         double peak = 0;
         for (double t = -end; t < end; t += 1e-4)
-            peak =
-                std::max(peak, (saccade_travel(a, t + 5e-5) - saccade_travel(a, t - 5e-5)) / 1e-4);
+            peak = std::max(
+                peak,
+                (detail::saccade_travel(a, t + 5e-5) - detail::saccade_travel(a, t - 5e-5)) / 1e-4);
         worst = std::max(worst, std::abs(peak / saccade_peak_speed(a) - 1));
     }
     MESSAGE("peak speed, measured by differences, is the formula's to ", worst);
@@ -54,15 +55,16 @@ TEST_CASE("saccades: from 0 to the amplitude, within the duration, by duals too"
     for (const double degrees : {0.0, 0.3, 4.0, 25.0}) {
         const double a = degrees * idle_degree, d = saccade_duration(a),
                      c = MainSequence<double>{}.bend;
-        CHECK(std::abs(saccade_travel(a, -d / 2)) <= c / 1600);
-        CHECK(std::abs(saccade_travel(a, d / 2) - a) <= c / 1600);
-        CHECK(saccade_travel(a, 0.0) == doctest::Approx(a / 2));
-        CHECK(saccade_travel(a, 2.0) == doctest::Approx(a));
-        CHECK(std::abs(saccade_travel(a, -2.0)) < 1e-90);
+        CHECK(std::abs(detail::saccade_travel(a, -d / 2)) <= c / 1600);
+        CHECK(std::abs(detail::saccade_travel(a, d / 2) - a) <= c / 1600);
+        CHECK(detail::saccade_travel(a, 0.0) == doctest::Approx(a / 2));
+        CHECK(detail::saccade_travel(a, 2.0) == doctest::Approx(a));
+        CHECK(std::abs(detail::saccade_travel(a, -2.0)) < 1e-90);
     }
     using D = Dual<double, 1>;
     const double a = 10 * idle_degree;
-    CHECK(saccade_travel(D(a), D::variable(0.0, 0)).d[0] == doctest::Approx(saccade_peak_speed(a)));
+    CHECK(detail::saccade_travel(D(a), D::variable(0.0, 0)).d[0] ==
+          doctest::Approx(saccade_peak_speed(a)));
     CHECK(saccade_peak_speed(10 * float(idle_degree)) ==
           doctest::Approx(saccade_peak_speed(a)).epsilon(1e-6));
 }
@@ -71,17 +73,18 @@ TEST_CASE("blinks: 0.1 to 0.5 s, closed once, faster down than up") {
     const BlinkPhases<double> p;
     CHECK(p.duration() >= 0.1);
     CHECK(p.duration() <= 0.5);
-    CHECK(blink_closure(0.0) == 0);
-    CHECK(blink_closure(-1.0) == 0);
-    CHECK(blink_closure(p.closing) == 1);
-    CHECK(std::abs(blink_closure(p.duration())) <= 1e-15);
-    CHECK(std::abs(blink_closure(5.0)) <= 1e-15);
+    CHECK(detail::blink_closure(0.0) == 0);
+    CHECK(detail::blink_closure(-1.0) == 0);
+    CHECK(detail::blink_closure(p.closing) == 1);
+    CHECK(std::abs(detail::blink_closure(p.duration())) <= 1e-15);
+    CHECK(std::abs(detail::blink_closure(5.0)) <= 1e-15);
     double down = 0, up = 0, above_half = 0;
     for (double t = 0; t < p.duration(); t += 1e-4) {
-        const double speed = (blink_closure(t + 5e-5) - blink_closure(t - 5e-5)) / 1e-4;
+        const double speed =
+            (detail::blink_closure(t + 5e-5) - detail::blink_closure(t - 5e-5)) / 1e-4;
         down = std::max(down, speed);
         up = std::max(up, -speed);
-        above_half += blink_closure(t) > 0.5 ? 1e-4 : 0;
+        above_half += detail::blink_closure(t) > 0.5 ? 1e-4 : 0;
     }
     CHECK(down > 1.4 * up); // Sforza et al. 2008: 40 to 47 percent
     CHECK(above_half == doctest::Approx(p.closed + (p.closing + p.opening) / 2).epsilon(0.01));

@@ -54,7 +54,7 @@ TEST_CASE_TEMPLATE("influence: the slope is the dual's derivative; 0 at the kink
     for (const double s : {0., near / 2, near, near * 1.001, (near + far) / 2, far * 0.999,
                            far, 1.}) {
         CAPTURE(s);
-        const double slope = influence_slope(M{}, face, s);
+        const double slope = detail::influence_slope(M{}, face, s);
         const D w = influence(M{}, ramp, D::variable(s));
         CHECK(w.value == influence(M{}, face, s));
         CHECK(w.d[0] == doctest::Approx(slope).epsilon(1e-13));
@@ -70,7 +70,7 @@ TEST_CASE_TEMPLATE("influence: equal thresholds are a step with derivative 0 (D1
     CHECK(influence(M{}, step, std::nextafter(at, 0.0f)) == 1);
     CHECK(influence(M{}, step, at) == 0);
     CHECK(influence(M{}, step, std::nextafter(at, 1.0f)) == 0);
-    for (const float s : {0.0f, at, 1.0f}) CHECK(influence_slope(M{}, step, s) == 0);
+    for (const float s : {0.0f, at, 1.0f}) CHECK(detail::influence_slope(M{}, step, s) == 0);
     const Ramp<float> sharp{0.5f, std::nextafter(0.5f, 1.0f)};
     for (float s = 0; s < 1; s += 0.01f) CHECK(std::isfinite(influence(M{}, sharp, s)));
 }
@@ -80,19 +80,20 @@ TEST_CASE_TEMPLATE("influence: on a landmark, without one, and not a number (D3,
     const float inf = std::numeric_limits<float>::infinity();
     const Ramp<float> ramp{0.15f, 0.25f}, from_zero{0, 0.25f};
     CHECK(influence(M{}, ramp, 0.0f) == 1);
-    CHECK(influence_slope(M{}, ramp, 0.0f) == 0);
+    CHECK(detail::influence_slope(M{}, ramp, 0.0f) == 0);
     CHECK(influence(M{}, from_zero, 0.0f) == 1);
-    CHECK(std::isfinite(influence_slope(M{}, from_zero, 0.0f)));
+    CHECK(std::isfinite(detail::influence_slope(M{}, from_zero, 0.0f)));
     CHECK(influence(M{}, ramp, inf) == 0);
     CHECK(influence(M{}, ramp, std::nanf("")) == 0);
-    CHECK(influence_slope(M{}, ramp, std::nanf("")) == 0);
+    CHECK(detail::influence_slope(M{}, ramp, std::nanf("")) == 0);
 }
 
 TEST_CASE("influence: thresholds that make no ramp are refused") {
-    CHECK_THROWS_AS(checked_ramp<float>(0.3f, 0.2f), Error);
-    CHECK_THROWS_AS(checked_ramp<float>(-0.1f, 0.2f), Error);
-    CHECK_THROWS_AS(checked_ramp<float>(std::nanf(""), 0.2f), Error);
-    CHECK_THROWS_AS(checked_ramp<float>(0.1f, std::numeric_limits<float>::infinity()), Error);
+    CHECK_THROWS_AS(detail::checked_ramp<float>(0.3f, 0.2f), Error);
+    CHECK_THROWS_AS(detail::checked_ramp<float>(-0.1f, 0.2f), Error);
+    CHECK_THROWS_AS(detail::checked_ramp<float>(std::nanf(""), 0.2f), Error);
+    CHECK_THROWS_AS(detail::checked_ramp<float>(0.1f, std::numeric_limits<float>::infinity()),
+                    Error);
 }
 
 TEST_CASE("influence: over columns, with its adjoint, and in lanes") {
@@ -103,7 +104,8 @@ TEST_CASE("influence: over columns, with its adjoint, and in lanes") {
     const Columns<double> back = influence_vjp(SquaredDistance{}, face, squared, g);
     for (Index i = 0; i < 6; ++i) {
         CHECK(w(0, i) == influence(SquaredDistance{}, face, squared(0, i)));
-        CHECK(back(0, i) == influence_slope(SquaredDistance{}, face, squared(0, i)) * g(0, i));
+        CHECK(back(0, i) ==
+              detail::influence_slope(SquaredDistance{}, face, squared(0, i)) * g(0, i));
     }
     using Batch = XsimdBackend<>::batch<float>;
     const Ramp<Batch> ramp{Batch(0.15f), Batch(0.25f)};
@@ -117,8 +119,8 @@ TEST_CASE("influence: over columns, with its adjoint, and in lanes") {
         const float difference = influence(SquaredDistance{}, ramp, Batch(s)).get(1) -
                                  influence(SquaredDistance{}, one, s);
         CHECK(std::abs(difference) <= apart);
-        CHECK(influence_slope(EuclideanDistance{}, ramp, Batch(s)).get(1) ==
-              doctest::Approx(influence_slope(EuclideanDistance{}, one, s)));
+        CHECK(detail::influence_slope(EuclideanDistance{}, ramp, Batch(s)).get(1) ==
+              doctest::Approx(detail::influence_slope(EuclideanDistance{}, one, s)));
     }
 }
 
@@ -127,9 +129,9 @@ TEST_CASE("influence: two gazes that overlap (D8)") {
     left << 1, 0.5f, 0.75f;
     right << 0, 0.25f, 0.75f;
     Columns<float> l = left, r = right;
-    CHECK(resolve_overlap(Overlap::sum, l, r) == 1.5f);
+    CHECK(detail::resolve_overlap(Overlap::sum, l, r) == 1.5f);
     CHECK(l == left);
-    CHECK(resolve_overlap(Overlap::normalized, l, r) == 1.5f);
+    CHECK(detail::resolve_overlap(Overlap::normalized, l, r) == 1.5f);
     CHECK(l(0, 2) + r(0, 2) == 1);
     CHECK(l(0, 1) == 0.5f);
 }

@@ -67,7 +67,7 @@ TEST_CASE_TEMPLATE("nearest: a point on its landmark, no landmarks, numbers that
     x(1, 2) = std::nanf("");
     CHECK(std::isinf(nearest_squared_distance<float>(B{}, x, p, &nearest)(0, 2)));
     CHECK(nearest[2] == -1);
-    const NearestGradient<float> g = nearest_squared_distance_vjp<float>(
+    const NearestGradient<float> g = detail::nearest_squared_distance_vjp<float>(
         B{}, x, p, nearest, Columns<float>(Columns<float>::Ones(1, 20)));
     CHECK(g.points.col(2).isZero());
     CHECK(g.landmarks.allFinite());
@@ -89,7 +89,7 @@ TEST_CASE_TEMPLATE("nearest: of finite points one is nearest, however far they a
         const Columns<float> d = nearest_squared_distance<float>(B{}, x, p, &nearest);
         CHECK(nearest == std::vector<Index>{1, 1, 0, 1, 0});
         CHECK(d == Columns<float>::Constant(1, 5, most));
-        const NearestGradient<float> g = nearest_squared_distance_vjp<float>(
+        const NearestGradient<float> g = detail::nearest_squared_distance_vjp<float>(
             B{}, x, p, nearest, Columns<float>(Columns<float>::Zero(1, 5)));
         CHECK(g.points.isZero(0));
     }
@@ -120,13 +120,13 @@ TEST_CASE_TEMPLATE("nearest: adjoint to points and landmarks", T, float, double)
     const auto vjp = [&](const Columns<T>& w) {
         std::vector<Index> nearest;
         nearest_squared_distance<T>(LanesThreads{}, x.leftCols(n), x.rightCols(k), &nearest);
-        const NearestGradient<T> g = nearest_squared_distance_vjp<T>(LanesThreads{}, x.leftCols(n),
-                                                                     x.rightCols(k), nearest, w);
+        const NearestGradient<T> g = detail::nearest_squared_distance_vjp<T>(
+            LanesThreads{}, x.leftCols(n), x.rightCols(k), nearest, w);
         Columns<T> all(3, n + k);
         all << g.points, g.landmarks;
         return all;
     };
     const double tolerance = std::is_same_v<T, double> ? 1e-14 : 2e-6;
     const Columns<T> dx = random_columns<T>(3, n + k, {2}), w = random_columns<T>(1, n, {3});
-    CHECK(dot_product_test(f, vjp, x, dx, w) <= tolerance);
+    CHECK(detail::dot_product_test(f, vjp, x, dx, w) <= tolerance);
 }

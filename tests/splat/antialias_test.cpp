@@ -68,7 +68,8 @@ TEST_CASE("mip draws dilated Gaussians of the opacity that they keep; none is no
     Gaussians<double> kept = g;
     const Projector<double> lens(c, Exact64{}.frustum_margin, Exact64{}.dilation);
     for (Index i = 0; i < g.count(); ++i)
-        kept.opacity(0, i) *= project<Antialias::mip>(load_shape(view_of(g), i), lens).share;
+        kept.opacity(0, i) *=
+            project<Antialias::mip>(detail::load_shape(view_of(g), i), lens).share;
     const Columns<double> mip = draw<B, Mip>(g, c).feature.pixels;
     CHECK(most(mip, draw<B, Exact64>(kept, c).feature.pixels) < 1e-13);
     CHECK(most(mip, draw<B, Exact64>(g, c).feature.pixels) > 0.05);

@@ -57,12 +57,12 @@ Layer<V> layer_of(const A& a, const V& u, const V& v, const V& opacity, const V&
 
 /// Contributions of a pixel's layers, or of a group's pixels.
 template <class V, class Pixels, class A>
-std::vector<Contribution<V>> walk(const A& a, const std::vector<Layer<V>>& layers, V& end) {
+std::vector<detail::Contribution<V>> walk(const A& a, const std::vector<Layer<V>>& layers, V& end) {
     const Blend<A, V, Pixels, Exp2Library> blend(a);
-    std::vector<Contribution<V>> all;
+    std::vector<detail::Contribution<V>> all;
     end = V(real_t<V>(1));
     for (const Layer<V>& l : layers) {
-        const V x = less_square(less_square(l.log2_opacity, l.u), l.v);
+        const V x = detail::less_square(detail::less_square(l.log2_opacity, l.u), l.v);
         all.push_back(blend.take(blend.coverage(x, l.cut, l.floor), end));
     }
     return all;
@@ -70,13 +70,15 @@ std::vector<Contribution<V>> walk(const A& a, const std::vector<Layer<V>>& layer
 
 /// The plain loop, with skips and stops.
 template <class V, class A>
-std::vector<Contribution<V>> walk_single(const A& a, const std::vector<Layer<V>>& layers, V& end) {
+std::vector<detail::Contribution<V>> walk_single(const A& a, const std::vector<Layer<V>>& layers,
+                                                 V& end) {
     const Blend<A, V, SinglePixel, Exp2Library> blend(a);
-    std::vector<Contribution<V>> all(layers.size(), Contribution<V>{{V(0), V(0)}, V(0), V(0)});
+    std::vector<detail::Contribution<V>> all(layers.size(),
+                                             detail::Contribution<V>{{V(0), V(0)}, V(0), V(0)});
     end = V(1);
     for (std::size_t i = 0; i < layers.size(); ++i) {
         const Layer<V>& l = layers[i];
-        const V x = less_square(less_square(l.log2_opacity, l.u), l.v);
+        const V x = detail::less_square(detail::less_square(l.log2_opacity, l.u), l.v);
         if (!blend.reaches(x, l.cut)) continue;
         const auto c = blend.take(blend.coverage(x, l.cut, l.floor), end);
         if (!c.taken) break;
@@ -106,10 +108,10 @@ void check_walks(A a) {
             }
         }
         V lanes_end;
-        const auto together = walk<V, LanePixels>(a, lanes, lanes_end);
+        const auto together = walk<V, detail::LanePixels>(a, lanes, lanes_end);
         for (std::size_t lane = 0; lane < 4; ++lane) {
             double grouped_end, single_end;
-            const auto grouped = walk<double, PixelGroup>(a, layers[lane], grouped_end);
+            const auto grouped = walk<double, detail::PixelGroup>(a, layers[lane], grouped_end);
             const auto single = walk_single<double>(a, layers[lane], single_end);
             CHECK(lanes_end.get(lane) == doctest::Approx(grouped_end).epsilon(1e-14));
             CHECK(std::abs(grouped_end) == doctest::Approx(single_end).epsilon(1e-13));
@@ -135,12 +137,12 @@ void check_reverse(A a) {
         for (const auto& x : d)
             layers.push_back(layer_of<double>(a, x[0], x[1], x[2], x[3], x[4]));
         double end;
-        auto way = walk<double, PixelGroup>(a, layers, end);
+        auto way = walk<double, detail::PixelGroup>(a, layers, end);
         if constexpr (Pixels::keeps_bell) way = walk_single<double>(a, layers, end);
         double behind = background;
         for (std::size_t i = depth; i-- > 0;) {
             std::array<double, 7> sum{};
-            const PixelCotangent<double> g{{layers[i].colour}, g_alpha, g_depth};
+            const detail::PixelCotangent<double> g{{layers[i].colour}, g_alpha, g_depth};
             if (way[i].weight > 0 || !Pixels::keeps_bell)
                 blend.take_vjp(way[i], layers[i].u, layers[i].v, layers[i], g, behind, sum);
             std::vector<Layer<D>> moved;
@@ -182,19 +184,19 @@ TEST_CASE("blend: numbers, vectors and plain loops take the same of every layer"
 
 TEST_CASE("blend: the step back is the adjoint of the step") {
     check_reverse<SinglePixel>(Balanced());
-    check_reverse<PixelGroup>(Balanced());
-    check_reverse<PixelGroup>(Never());
+    check_reverse<detail::PixelGroup>(Balanced());
+    check_reverse<detail::PixelGroup>(Never());
     check_reverse<SinglePixel>(Compatible3dgs());
-    check_reverse<PixelGroup>(Compatible3dgs());
+    check_reverse<detail::PixelGroup>(Compatible3dgs());
     check_reverse<SinglePixel>(Compatible3dgsFloor());
-    check_reverse<PixelGroup>(Compatible3dgsFloor());
-    check_reverse<PixelGroup>(InclusiveFloor());
+    check_reverse<detail::PixelGroup>(Compatible3dgsFloor());
+    check_reverse<detail::PixelGroup>(InclusiveFloor());
 }
 
 TEST_CASE("blend: a clamped alpha has a weight and no derivative but by what is behind") {
     Balanced a;
     a.alpha_max = 0.5;
-    const Blend<Balanced, double, PixelGroup, Exp2Library> group(a);
+    const Blend<Balanced, double, detail::PixelGroup, Exp2Library> group(a);
     const Blend<Balanced, double, SinglePixel, Exp2Library> single(a);
     double t = 1, s = 1;
     const auto g = group.take(group.coverage(-0.1, -9, 0), t);
@@ -204,7 +206,7 @@ TEST_CASE("blend: a clamped alpha has a weight and no derivative but by what is 
     for (const bool one : {false, true}) {
         std::array<double, 7> sum{};
         double behind = 0.2;
-        const ColourCotangent<double> along{0.8};
+        const detail::ColourCotangent<double> along{0.8};
         const Layer<double> layer{};
         if (one)
             single.take_vjp(c, 0.2, 0.1, layer, along, behind, sum);

@@ -17,7 +17,7 @@ static_assert(std::same_as<FeaturesOnly<Lean>, Lean>);
 using Picking = Drawing<Balanced, Outputs{.depth = true, .contributor = true}>;
 using PickingExactly = Drawing<Exact32, Outputs{.depth = false, .contributor = true}>;
 
-static_assert(sizeof(OutputImages<float, Outputs{false, false}>) <= 2);
+static_assert(sizeof(detail::OutputImages<float, Outputs{false, false}>) <= 2);
 static_assert(sizeof(Raster<float, Outputs{false, false}>) + 2 * sizeof(Image<float>) <=
               sizeof(Raster<float, Outputs{true, true}>));
 

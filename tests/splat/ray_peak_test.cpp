@@ -59,8 +59,8 @@ double gap(const Raster<T>& r, const OracleImages& truth) {
 TEST_CASE("ray_peak: the density is greatest there") {
     const auto s = random_scene<double>(40, 1, 71, 0.3);
     for (Index i = 0; i < 40; ++i) {
-        const RayPeak<double> p = ray_peak(s.gaussians, s.camera, i);
-        const OracleSolid solid = oracle_solid(s.gaussians, s.camera, i);
+        const detail::RayPeak<double> p = detail::ray_peak(s.gaussians, s.camera, i);
+        const detail::OracleSolid solid = detail::oracle_solid(s.gaussians, s.camera, i);
         for (const double px : {-20.0, 0.0, 13.5}) {
             const Vec3<double> d(px / s.camera.fx, 4 / s.camera.fy, 1);
             const double t = p.at(px, 4);
@@ -87,16 +87,16 @@ TEST_CASE_TEMPLATE("ray_peak: flat, long and pointlike Gaussians", T, float, dou
     g.scale.col(0) << T(1), T(2), T(0);
     const T y = T(10), n_y = -std::sin(T(0.6)), n_z = std::cos(T(0.6));
     const T plane = T(4) * n_z / (n_y * y / T(50) + n_z);
-    CHECK(std::abs(ray_peak(g, camera, 0).at(T(7), y) - plane) <= plane * 4 * tolerance);
+    CHECK(std::abs(detail::ray_peak(g, camera, 0).at(T(7), y) - plane) <= plane * 4 * tolerance);
     // No axis counts more than another: closest to the mean itself.
     g.scale.col(0).setZero();
     const T d2 = T(49) / T(2500) + T(100) / T(2500) + T(1);
-    CHECK(std::abs(ray_peak(g, camera, 0).at(T(7), y) - T(4) / d2) <= 16 * tolerance);
+    CHECK(std::abs(detail::ray_peak(g, camera, 0).at(T(7), y) - T(4) / d2) <= 16 * tolerance);
     // A ray within the plane of a flat Gaussian has no peak; the centre's depth is used.
     g.rotation.col(0) << T(1), T(0), T(0), T(0);
     g.mean.col(0) << T(0), T(0), T(4);
     g.scale.col(0) << T(0), T(1), T(1);
-    CHECK(ray_peak(g, camera, 0).at(T(0), y) == T(4));
+    CHECK(detail::ray_peak(g, camera, 0).at(T(0), y) == T(4));
 }
 
 TEST_CASE_TEMPLATE("order by peak: crossing sheets change places within the image", B,

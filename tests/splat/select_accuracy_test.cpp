@@ -65,12 +65,12 @@ TEST_CASE("select_accuracy: what cannot be promised is not") {
 
 TEST_CASE("select_accuracy: the confidence is that of the sample") {
     auto s = random_scene<float>(60, 3, 6);
-    s.camera.width = s.camera.height = 20 * tile_edge;
+    s.camera.width = s.camera.height = 20 * detail::tile_edge;
     const auto chosen =
         select_accuracy(XsimdBackend<>{}, s.gaussians, s.camera, s.background, 0.01);
     CHECK(chosen.tiles == 128);
     CHECK(chosen.failing_share == doctest::Approx(3.0 / 64));
-    SelectSettings all;
+    detail::SelectSettings all;
     all.random_tiles = 400;
     CHECK(select_accuracy(XsimdBackend<>{}, s.gaussians, s.camera, s.background, 0.01, all)
               .failing_share == 0);

@@ -31,8 +31,8 @@ struct Met {
 template <class V>
 Met check_reach(const Scenery<typename V::value_type>& s) {
     using T = typename V::value_type;
-    using Tile = Strips<V>;
-    using Group = LaneGroup<V>;
+    using Tile = detail::Strips<V>;
+    using Group = detail::LaneGroup<V>;
     const Rasterizer<> rasterizer;
     const auto raster = rasterizer.forward(XsimdBackend<>{}, s.gaussians, s.camera, s.background);
     const auto scene = rasterizer.scene_of(s.gaussians, s.camera, s.background, raster.trace);
@@ -72,19 +72,19 @@ Met check_reach(const Scenery<typename V::value_type>& s) {
 
 TEST_CASE_TEMPLATE("a tile's pixels are each a lane of one strip", V, EVERY_VECTOR) {
     using T = typename V::value_type;
-    using Tile = Strips<V>;
+    using Tile = detail::Strips<V>;
     const auto s = random_scene<T>(40, 3, 1);
     const Rasterizer<> rasterizer;
     const auto raster = rasterizer.forward(XsimdBackend<>{}, s.gaussians, s.camera, s.background);
     const auto scene = rasterizer.scene_of(s.gaussians, s.camera, s.background, raster.trace);
     for (const Index tile : {Index(0), raster.trace.lists.tiles() - 1}) {  // a whole one, a corner
         const Tile strips(scene, tile);
-        const StripMask inside = strips.inside(all_strips);
-        std::vector<T> start(tile_pixels);
-        strips.start(all_strips, start.data(), Tile::lanes);
-        std::vector<int> times(tile_pixels);
-        for (int y = 0; y < tile_edge; ++y)
-            for (int x = 0; x < tile_edge; ++x) {
+        const detail::StripMask inside = strips.inside(detail::all_strips);
+        std::vector<T> start(detail::tile_pixels);
+        strips.start(detail::all_strips, start.data(), Tile::lanes);
+        std::vector<int> times(detail::tile_pixels);
+        for (int y = 0; y < detail::tile_edge; ++y)
+            for (int x = 0; x < detail::tile_edge; ++x) {
                 const int strip = Tile::strip(x, y), lane = Tile::lane(x, y);
                 const auto at = std::size_t(strip * Tile::lanes + lane);
                 ++times[at];
@@ -97,7 +97,7 @@ TEST_CASE_TEMPLATE("a tile's pixels are each a lane of one strip", V, EVERY_VECT
                       T(scene.top(tile) + y) + T(0.5) - s.camera.cy);
             }
         for (const int n : times) CHECK(n == 1);
-        for (int strip = 0; strip < StripMask::most; ++strip)
+        for (int strip = 0; strip < detail::StripMask::most; ++strip)
             if (inside.has(strip)) {
                 REQUIRE(strip < Tile::count);
                 CHECK(start[std::size_t(strip * Tile::lanes)] == T(1));
@@ -111,7 +111,7 @@ TEST_CASE_TEMPLATE("a mask's lanes are its bits", V, EVERY_VECTOR) {
     alignas(64) T x[lanes];
     for (int shown = 0; shown < (1 << lanes); shown += 1 + shown / 7) {
         for (int i = 0; i < lanes; ++i) x[i] = (shown >> i & 1) != 0 ? T(2) : T(-2);
-        CHECK(lane_bits(V::load_aligned(x) > V(T(0))) == std::uint64_t(shown));
+        CHECK(detail::lane_bits(V::load_aligned(x) > V(T(0))) == std::uint64_t(shown));
     }
 }
 

@@ -48,21 +48,21 @@ void check_sort() {
 
 struct Members {
     std::vector<Footprint<float>> footprint;
-    std::vector<TileRows> rows;
+    std::vector<detail::TileRows> rows;
     std::vector<std::uint32_t> key, index;
 
     Index count() const { return static_cast<Index>(rows.size()); }
     template <Threads P>
     TileLists lists(const P& threads) const {
         TileLists out;
-        BinScratch<std::uint32_t> scratch;
+        detail::BinScratch<std::uint32_t> scratch;
         const auto of = [](const auto& v) {
             return [&v](Index m) -> const auto& { return v[static_cast<std::size_t>(m)]; };
         };
         out.build<Support::ellipse, float>(
             threads, {96, 96},
-            BinInput{count(), of(rows), [&](Index m) { return key[std::size_t(m)]; }, of(index),
-                     of(footprint)},
+            detail::BinInput{count(), of(rows), [&](Index m) { return key[std::size_t(m)]; },
+                             of(index), of(footprint)},
             Index(1) << 30, scratch);
         return out;
     }
@@ -79,7 +79,7 @@ Members random_members() {
         const Footprint<float> f{
             float(96 * u(0)), float(96 * u(1)), 3, {s * s, 0.2F * s * s, s * s}, 0.96F * s * s * s * s};
         const Cover<Support::ellipse, float> cover{f, 96, 96};
-        TileRows rows{};
+        detail::TileRows rows{};
         rows.begin = cover.rows().begin, rows.end = cover.rows().end;
         if (rows.begin >= rows.end) continue;
         if (rows.known(96))
@@ -159,19 +159,19 @@ namespace {
 
 /// The lists of n equal Gaussians that cover all of a square image, one behind the other.
 TileLists lists_of_covering(int side, Index n, std::uint64_t max_memory,
-                            BinScratch<std::uint32_t>& scratch) {
+                            detail::BinScratch<std::uint32_t>& scratch) {
     const float s = 1e6F, middle = 0.5F * static_cast<float>(side);
     const Footprint<float> f{middle, middle, 3, {s * s, 0, s * s}, s * s * s * s};
-    TileRows rows{};
+    detail::TileRows rows{};
     const Cover<Support::ellipse, float> cover{f, side, side};
     rows.begin = cover.rows().begin, rows.end = cover.rows().end;
     TileLists out;
     out.build<Support::ellipse, float>(
         Serial{}, {side, side},
-        BinInput{n, [&](Index) -> const TileRows& { return rows; },
-                 [](Index m) { return static_cast<std::uint32_t>(m); },
-                 [](Index m) { return static_cast<std::uint32_t>(m); },
-                 [&](Index) -> const Footprint<float>& { return f; }},
+        detail::BinInput{n, [&](Index) -> const detail::TileRows& { return rows; },
+                         [](Index m) { return static_cast<std::uint32_t>(m); },
+                         [](Index m) { return static_cast<std::uint32_t>(m); },
+                         [&](Index) -> const Footprint<float>& { return f; }},
         max_memory, scratch);
     return out;
 }
@@ -179,7 +179,7 @@ TileLists lists_of_covering(int side, Index n, std::uint64_t max_memory,
 } // namespace
 
 TEST_CASE("tile lists: too many entries are refused before there is memory for them") {
-    BinScratch<std::uint32_t> scratch;
+    detail::BinScratch<std::uint32_t> scratch;
     CHECK_THROWS_AS(lists_of_covering(16384, 5000, std::uint64_t(1) << 36U, scratch), Error);
     std::size_t held = scratch.binned.capacity();
     for (const auto& chunk : scratch.chunks) held += chunk.mentions.capacity();
@@ -187,7 +187,7 @@ TEST_CASE("tile lists: too many entries are refused before there is memory for t
 }
 
 TEST_CASE("tile lists: 5000 Gaussians that cover a picture of 2048 x 2048 are refused by default") {
-    BinScratch<std::uint32_t> scratch;
+    detail::BinScratch<std::uint32_t> scratch;
     const std::uint64_t limit = Balanced{}.max_memory;
     std::string message;
     try {
@@ -207,7 +207,7 @@ TEST_CASE("tile lists: 5000 Gaussians that cover a picture of 2048 x 2048 are re
 }
 
 TEST_CASE("tile lists: what an entry is said to take is what it takes") {
-    BinScratch<std::uint32_t> scratch;
+    detail::BinScratch<std::uint32_t> scratch;
     const TileLists lists = lists_of_covering(1024, 6000, default_memory, scratch);
     std::uint64_t held = scratch.binned.capacity() * sizeof(scratch.binned[0]) +
                          lists.entry.capacity() * sizeof(lists.entry[0]);
@@ -221,7 +221,7 @@ TEST_CASE("tile lists: what an entry is said to take is what it takes") {
 }
 
 TEST_CASE("tile lists: more entries than are written unchecked are all there") {
-    BinScratch<std::uint32_t> scratch;
+    detail::BinScratch<std::uint32_t> scratch;
     const Index tiles = 256 * 256, n = TileLists::most_unchecked / tiles + 2;
     const TileLists lists = lists_of_covering(4096, n, default_memory, scratch);
     CHECK(lists.entries() == n * tiles);

@@ -15,12 +15,13 @@ TEST_CASE("tiles: depth keys order as depths do, in float and in double") {
     const double special[] = {-1e30, -1.0, -1e-45, -0.0, 0.0, 1e-45, 1e-38, 0.9, 1.0, 1e30};
     for (const double a : special)
         for (const double b : special) {
-            if (a < b && float(a) < float(b)) CHECK(depth_key(float(a)) < depth_key(float(b)));
-            if (a < b) CHECK(depth_key(a) < depth_key(b));
+            if (a < b && float(a) < float(b))
+                CHECK(detail::depth_key(float(a)) < detail::depth_key(float(b)));
+            if (a < b) CHECK(detail::depth_key(a) < detail::depth_key(b));
         }
     for (std::uint64_t i = 0; i < 100000; ++i) {
         const double a = random.normal(2 * i), b = random.normal(2 * i + 1);
-        if ((a < b) != (depth_key(a) < depth_key(b))) FAIL("order");
+        if ((a < b) != (detail::depth_key(a) < detail::depth_key(b))) FAIL("order");
     }
 }
 
@@ -41,17 +42,17 @@ TEST_CASE("tiles: no pixel that an ellipse reaches is missed") {
         f.y = float(70 * u(3) - 12);
         if (trial % 4 == 0) f.x = std::round(f.x / 8) * 8, f.y = std::round(f.y / 8) * 8;
         f.radius = float(0.1 + 4 * u(4));
-        f.covariance = gram(x, y, 0.3F);
-        f.determinant = gram_determinant(x, y, 0.3F);
-        const PrecisionFactor<float> form = precision_factor(x, y, 0.3F);
+        f.covariance = detail::gram(x, y, 0.3F);
+        f.determinant = detail::gram_determinant(x, y, 0.3F);
+        const detail::PrecisionFactor<float> form = detail::precision_factor(x, y, 0.3F);
 
         const Cover<Support::ellipse, float> cover{f, width, height};
         const Span rows = cover.rows();
         TileLists lists;
-        BinScratch<std::uint32_t> scratch;
+        detail::BinScratch<std::uint32_t> scratch;
         lists.build<Support::ellipse, float>(
             Serial{}, {width, height},
-            BinInput{rows.begin < rows.end ? 1 : 0, [&](Index) {
+            detail::BinInput{rows.begin < rows.end ? 1 : 0, [&](Index) {
             return rows; },
                      [](Index) {
             return 0U; }, [](Index m) {
@@ -64,9 +65,9 @@ TEST_CASE("tiles: no pixel that an ellipse reaches is missed") {
         for (Index t = 0; t < lists.tiles(); ++t) {
             const bool in_list = lists.begin[std::size_t(t)] < lists.begin[std::size_t(t) + 1];
             bool hit = false;
-            for (int p = 0; p < tile_pixels; ++p) {
-                const int px = int(t % lists.columns) * tile_edge + p % tile_edge;
-                const int py = int(t / lists.columns) * tile_edge + p / tile_edge;
+            for (int p = 0; p < detail::tile_pixels; ++p) {
+                const int px = int(t % lists.columns) * detail::tile_edge + p % detail::tile_edge;
+                const int py = int(t / lists.columns) * detail::tile_edge + p / detail::tile_edge;
                 if (px >= width || py >= height) continue;
                 const float q =
                     form.quadratic(float(px) + 0.5F - f.x, float(py) + 0.5F - f.y);

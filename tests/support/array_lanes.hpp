@@ -263,11 +263,11 @@ struct ArrayBackend {
 namespace rye {
 
 template <class T, std::size_t N>
-struct RealOf<test::ArrayLanes<T, N>> {
+struct detail::RealOf<test::ArrayLanes<T, N>> {
     using type = T;
 };
 template <class T, std::size_t N, class U>
-struct LanesLike<test::ArrayLanes<T, N>, U> {
+struct detail::LanesLike<test::ArrayLanes<T, N>, U> {
     using type = test::ArrayLanes<U, N * sizeof(T) / sizeof(U)>;
 };
 

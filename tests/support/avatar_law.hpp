@@ -30,10 +30,10 @@ double law_error(const TwoStream<double, E>& avatar, const Drivers<double, E>& d
     const TwoStream<double, E> direction = random_like(avatar, Random{seed, 3});
     const Columns<double> pose_direction = random_columns<double>(6, 1, Random{seed, 4});
     TwoStream<D, E> dual = lifted<D>(avatar);
-    seed_fields(dual, avatar, direction);
+    detail::seed_fields(dual, avatar, direction);
     Drivers<D, E> dual_drivers = drivers.template cast<D>();
     if constexpr (has_effect<E, ReadsHeadPose>)
-        dual_drivers.pose = seeded(Columns<double>(drivers.pose), pose_direction);
+        dual_drivers.pose = detail::seeded(Columns<double>(drivers.pose), pose_direction);
     TwoStreamTrace<D, E> dual_trace;
     drive(ScalarBackend<>{}, dual, {config, tiny_roles(), dual_drivers}, dual_trace);
     DotSum by_vjp, by_dual;

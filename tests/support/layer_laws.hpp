@@ -40,7 +40,7 @@ TEST_CASE_TEMPLATE_DEFINE("widths: masks, sums and pairs of lanes", B, width_lan
         for (int shown = 0; shown < (1 << lanes); shown += 1 + shown / 7) {
             for (int i = 0; i < lanes; ++i) x[i] = (shown >> i & 1) != 0 ? T(i + 2) : T(-2);
             const V v = V::load_aligned(x);
-            CHECK(lane_bits(v > V(T(0))) == std::uint64_t(shown));
+            CHECK(detail::lane_bits(v > V(T(0))) == std::uint64_t(shown));
             where(v > V(T(0)), v).store_aligned(y);
             for (int i = 0; i < lanes; ++i) CHECK(y[i] == (x[i] > T(0) ? x[i] : T(0)));
         }
@@ -50,7 +50,7 @@ TEST_CASE_TEMPLATE_DEFINE("widths: masks, sums and pairs of lanes", B, width_lan
             for (int i = 0; i < lanes; ++i) x[i] = T(k * lanes + i);
             rows[std::size_t(k)] = V::load_aligned(x);
         }
-        lane_sums(rows, sums + 1);                           // to any address
+        detail::lane_sums(rows, sums + 1); // to any address
         for (int k = 0; k < 8; ++k) {
             CHECK(sums[1 + k] == T(k * lanes * lanes + lanes * (lanes - 1) / 2));
             CHECK(lane_sum(rows[std::size_t(k)]) == sums[1 + k]);
@@ -108,8 +108,8 @@ double product_gap(Index rows, Index depth, Index columns) {
 }
 
 TEST_CASE_TEMPLATE_DEFINE("widths: products of matrices of every size", B, width_products) {
-    using F = LeftFactor<B, float>;
-    using D = LeftFactor<B, double>;
+    using F = detail::LeftFactor<B, float>;
+    using D = detail::LeftFactor<B, double>;
     for (const Index rows : {1, 3, 4, 5, 7, 8, 9, 15, 16, 17, 31, 32, 33})
         for (const Index columns : {1, 2, 5, 6, 7, 12, 13}) {
             CAPTURE(rows);
@@ -367,8 +367,8 @@ TEST_CASE_TEMPLATE_DEFINE("widths: formulas of math and rig with a number in eac
             for (T s = 0; s < T(0.3); s += T(0.013)) {
                 CHECK(influence(SquaredDistance{}, ramp, V(s)).get(l) ==
                       doctest::Approx(influence(SquaredDistance{}, one, s)));
-                CHECK(influence_slope(EuclideanDistance{}, ramp, V(s)).get(l) ==
-                      doctest::Approx(influence_slope(EuclideanDistance{}, one, s)));
+                CHECK(detail::influence_slope(EuclideanDistance{}, ramp, V(s)).get(l) ==
+                      doctest::Approx(detail::influence_slope(EuclideanDistance{}, one, s)));
             }
         }
     });

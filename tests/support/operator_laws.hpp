@@ -64,7 +64,7 @@ void first_order(const char* name, Index n, Index m, const Op& op, const Vjp& vj
             return out;
         };
         const auto back = [&](const Columns<T>& c) { return back_at(x, c); };
-        keep(dot, dot_product_test(f, back, x, v, w));
+        keep(dot, detail::dot_product_test(f, back, x, v, w));
         if (k % 10 != 0) continue;
         const Columns<T> g = back(w);
         for (Index j = 0; j < points && k % 100 == 0; ++j) {
@@ -79,7 +79,7 @@ void first_order(const char* name, Index n, Index m, const Op& op, const Vjp& vj
             for (Index j = 0; j < points; ++j)
                 if (const double size = x.col(j).norm(); size < 0.5) away.col(j) *= 0.5 / size;
             const auto there = [&](const Columns<T>& c) { return back_at(away, c); };
-            keep(difference, difference_test(f, there, away, v, w));
+            keep(difference, detail::difference_test(f, there, away, v, w));
         }
     }
     demand(name, "dot product", scalar, dot, single ? 2e-6 : 1e-14);

@@ -35,7 +35,7 @@ double render_law_gap(const Scenery<T>& s, const Camera& camera, const A& accura
         },
         g);
     Gaussians<D> dual(s.gaussians.count(), s.gaussians.channels());
-    seed_fields(dual, s.gaussians, v);
+    detail::seed_fields(dual, s.gaussians, v);
     const VecX<D> background = s.background.template cast<D>();
     const Raster<D> moved =
         rasterizer.forward(ScalarBackend<>{}, dual, camera.template cast<D>(), background);

@@ -46,23 +46,23 @@ struct Walks {
     }
     template <int C>
     void forward() {
-        const auto canvas = std::make_unique<LaneCanvas<V>>();
-        blend_tiles_lanes<V, C>(scene(), accuracy, DrawnTiles().part(0, r.trace.lists.tiles()), r,
-                                *canvas);
+        const auto canvas = std::make_unique<detail::LaneCanvas<V>>();
+        detail::blend_tiles_lanes<V, C>(
+            scene(), accuracy, detail::DrawnTiles().part(0, r.trace.lists.tiles()), r, *canvas);
     }
     template <int C, bool Extra>
     Gaussians<T> reverse(const Weights<T>& w) {
         const Index n = s.gaussians.count();
         scratch.slots.shape(r.trace.lists.entries(), s.gaussians.channels());
-        const auto tape = std::make_unique<LaneTape<V>>();
+        const auto tape = std::make_unique<detail::LaneTape<V>>();
         const RasterCotangent<T> g{w.feature, Extra ? &w.alpha : nullptr,
                                    Extra ? &w.depth : nullptr};
         for (Index t = 0; t < r.trace.lists.tiles(); ++t)
-            blend_tile_vjp_lanes<V, C, Extra>(scene(), accuracy, {g, t}, scratch, *tape);
-        LaneSums<V> sums;
+            detail::blend_tile_vjp_lanes<V, C, Extra>(scene(), accuracy, {g, t}, scratch, *tape);
+        detail::LaneSums<V> sums;
         Gaussians<T> out(n, s.gaussians.channels());
         const SplatInput in{view_of(s.gaussians), s.camera, stage()};
-        project_vjp_range_lanes<V>(in, {r.trace, scratch.slots}, {0, n}, out, sums);
+        detail::project_vjp_range_lanes<V>(in, {r.trace, scratch.slots}, {0, n}, out, sums);
         return out;
     }
 

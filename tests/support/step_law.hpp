@@ -55,7 +55,7 @@ double law_error(ChosenMetric metric, std::uint64_t seed) {
     const TwoStream<T>& grad = step.gradient;
     const TwoStream<T> direction = random_like(avatar, Random{seed, 5});
     TwoStream<D> dual = lifted<D>(avatar);
-    seed_fields(dual, avatar, direction);
+    detail::seed_fields(dual, avatar, direction);
     const AvatarLosses<D> dl = step_at(dual, tiny_sample<D>(Draw{{9, 0}}), training).losses;
     CHECK(std::abs(static_cast<double>(dl.total.value - l.total)) <=
           1e-5 * static_cast<double>(l.total));

@@ -54,7 +54,7 @@ std::vector<std::unique_ptr<HostSteps>> on_ranks(int ranks, const StepScene& sce
 } // namespace
 
 TEST_CASE("kept graphs: the first work of a kind runs as it is, and others are captured anew") {
-    KeptGraphs<CountingDevice, int, int> graphs;
+    detail::KeptGraphs<CountingDevice, int, int> graphs;
     int runs = 0;
     const auto work = [&] { ++runs; };
     graphs.run(host_queue, 0, 7, work); // takes its memory

@@ -87,24 +87,24 @@ TEST_CASE("corrected cameras: what they share is what their pictures show alike"
     // line of sight shows in the others alone.
     Columns<double> directions(3, 3);
     directions << 0, 1, -1, 0, 0, 0, 1, 0, 0;
-    const Columns<double> gauge = view_gauge(directions);
+    const Columns<double> gauge = detail::view_gauge(directions);
     Columns<double> same = Draw{{2, 2}}.columns(6, 1, 0.1).replicate(1, 3);
-    centre_views(gauge, same);
+    detail::centre_views(gauge, same);
     CHECK(same.cwiseAbs().maxCoeff() <= 1e-6); // a motion of all is nothing of any
     Columns<double> seen = Columns<double>::Zero(6, 3), along = seen;
     seen(5, 1) = seen(5, 2) = 0.1;
-    centre_views(gauge, seen); // the first camera could not have seen it
+    detail::centre_views(gauge, seen); // the first camera could not have seen it
     CHECK(seen.middleCols(1, 2).cwiseAbs().maxCoeff() <= 1e-6);
     CHECK(std::abs(seen(5, 0) + 0.1) <= 1e-6);
     along(5, 0) = 0.1;
     const Columns<double> before = along;
-    centre_views(gauge, along); // what no other camera shows stays its own
+    detail::centre_views(gauge, along); // what no other camera shows stays its own
     CHECK((along - before).cwiseAbs().maxCoeff() <= 1e-12);
     // All look the same way: along it nothing is shared.
     const Columns<double> one = Vec3<double>::UnitZ().replicate(1, 3);
     Columns<double> apart = Columns<double>::Zero(6, 3);
     apart.row(5).setConstant(0.2), apart.row(3).setConstant(0.3);
-    centre_views(view_gauge(one), apart);
+    detail::centre_views(detail::view_gauge(one), apart);
     CHECK((apart.row(5).array() == 0.2).all());
     CHECK(apart.row(3).cwiseAbs().maxCoeff() <= 1e-6);
 }
@@ -116,7 +116,7 @@ TEST_CASE("corrected cameras: a stretch of the head is nothing of any of six") {
         Columns<double> directions = draw.columns(3, 7, 1.0);
         if (flat) directions.row(1).setZero();
         directions.colwise().normalize();
-        const Columns<double> gauge = view_gauge(directions);
+        const Columns<double> gauge = detail::view_gauge(directions);
         CHECK(gauge.cols() == 22);
         const Mat3<double> any = draw.columns(3, 3, 0.1);
         const Mat3<double> stretch = any + any.transpose();
@@ -125,24 +125,24 @@ TEST_CASE("corrected cameras: a stretch of the head is nothing of any of six") {
             views.col(c).head<3>() =
                 Vec3<double>(directions.col(c)).cross(Vec3<double>(stretch * directions.col(c)));
         CHECK(views.cwiseAbs().maxCoeff() > 0.02);
-        centre_views(gauge, views);
+        detail::centre_views(gauge, views);
         CHECK(views.cwiseAbs().maxCoeff() <= 1e-6);
         Columns<double> own = draw.columns(6, 7, 0.1);
-        centre_views(gauge, own);
+        detail::centre_views(gauge, own);
         CHECK(own.cwiseAbs().maxCoeff() > 0.02); // each has some of its own
         const Columns<double> once = own;
-        centre_views(gauge, own);
+        detail::centre_views(gauge, own);
         CHECK((own - once).cwiseAbs().maxCoeff() <= 1e-6);
     }
     const Columns<double> few = Draw{{5, 6}}.columns(3, 5, 1.0).colwise().normalized();
-    CHECK(view_gauge(few).cols() == 12);
+    CHECK(detail::view_gauge(few).cols() == 12);
 }
 
 TEST_CASE("corrected cameras: steps that are applied take off what they share; faults") {
-    const Columns<double> gauge = view_gauge(training_of_corrections().view_directions);
+    const Columns<double> gauge = detail::view_gauge(training_of_corrections().view_directions);
     const auto off = [&](Columns<double> a) {
         const Columns<double> before = a;
-        centre_views(gauge, a);
+        detail::centre_views(gauge, a);
         return (a - before).cwiseAbs().maxCoeff();
     };
     auto sample = tiny_sample<double, E>(Draw{{9, 0}});

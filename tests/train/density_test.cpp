@@ -241,31 +241,31 @@ TEST_CASE("density: a Gaussian splits along the axis on which moving it changes 
     const Mat3<double> turned =
         quat_matrix(quat_normalized(Quat<double>(std::sqrt(0.5), 0, 0, std::sqrt(0.5)))); // x to y
     const Vec3<double> round(0, 0, 0), square(1, 4, 2);
-    CHECK(split_axis<double>(Mat3<double>::Identity(), round, square) == 1);
-    CHECK(split_axis<double>(turned, round, square) == 0);
-    CHECK(split_axis<double>(Mat3<double>::Identity(), round, Vec3<double>(1, 1, 1)) == 0);
-    CHECK(split_axis<double>(Mat3<double>::Identity(), Vec3<double>(0, 0, 1),
-                             Vec3<double>(1, 1, 1)) == 2); // the longest
-    CHECK(split_axis<double>(Mat3<double>::Identity(), Vec3<double>(1, 0, 0), square) == 0);
+    CHECK(detail::split_axis<double>(Mat3<double>::Identity(), round, square) == 1);
+    CHECK(detail::split_axis<double>(turned, round, square) == 0);
+    CHECK(detail::split_axis<double>(Mat3<double>::Identity(), round, Vec3<double>(1, 1, 1)) == 0);
+    CHECK(detail::split_axis<double>(Mat3<double>::Identity(), Vec3<double>(0, 0, 1),
+                                     Vec3<double>(1, 1, 1)) == 2); // the longest
+    CHECK(detail::split_axis<double>(Mat3<double>::Identity(), Vec3<double>(1, 0, 0), square) == 0);
 }
 
 TEST_CASE("density: halves absorb what the whole did") {
     for (const double a : {1e-6, 0.01, 0.3, 0.9, 0.999}) {
-        const double half = sigmoid(SplitGaussian::logit_opacity(logit(a)));
+        const double half = sigmoid(detail::SplitGaussian::logit_opacity(logit(a)));
         CAPTURE(a);
-        CHECK(std::log1p(-half) == doctest::Approx(SplitGaussian::kappa * std::log1p(-a)));
-        const float narrow = sigmoid(SplitGaussian::logit_opacity(float(logit(a))));
+        CHECK(std::log1p(-half) == doctest::Approx(detail::SplitGaussian::kappa * std::log1p(-a)));
+        const float narrow = sigmoid(detail::SplitGaussian::logit_opacity(float(logit(a))));
         CHECK(narrow == doctest::Approx(half).epsilon(1e-5));
     }
-    CHECK(std::isfinite(SplitGaussian::logit_opacity(200.0f)));
-    CHECK(std::isfinite(SplitGaussian::logit_opacity(-80.0f)));
+    CHECK(std::isfinite(detail::SplitGaussian::logit_opacity(200.0f)));
+    CHECK(std::isfinite(detail::SplitGaussian::logit_opacity(-80.0f)));
     // On a ray of low opacity: difference of the profiles over that of the whole.
     double apart = 0, all = 0, sums = 0, sum = 0;
     for (double x = -6; x <= 6; x += 0.01) {
         const auto profile = [](double z) { return std::exp(-z * z / 2); };
-        const double s = 1 / SplitGaussian::shrink, d = SplitGaussian::distance;
-        const double whole = profile(x),
-                     two = SplitGaussian::kappa * (profile((x - d) / s) + profile((x + d) / s));
+        const double s = 1 / detail::SplitGaussian::shrink, d = detail::SplitGaussian::distance;
+        const double whole = profile(x), two = detail::SplitGaussian::kappa *
+                                               (profile((x - d) / s) + profile((x + d) / s));
         apart += (two - whole) * (two - whole);
         all += whole * whole;
         sums += two;

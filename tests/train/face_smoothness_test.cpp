@@ -36,13 +36,15 @@ TEST_CASE("neighbours of the face: by a grid those of all pairs, with ties, on a
     for (Index i = 0; i < line.cols(); ++i) line(1, i) = static_cast<float>(i % 20);
     ThreadPool pool(3);
     for (const Columns<float>& points : {random_columns<float>(3, 1500, 4), line, same}) {
-        const NeighbourGraph graph = four_nearest_by_grid(ScalarBackend<Serial>{}, points);
-        CHECK(graph == four_nearest(points));
-        CHECK(graph == four_nearest_by_grid(ScalarBackend<ThreadPool::Handle>{pool.threads()},
-                                            points));
+        const detail::NeighbourGraph graph =
+            detail::four_nearest_by_grid(ScalarBackend<Serial>{}, points);
+        CHECK(graph == detail::four_nearest(points));
+        CHECK(graph == detail::four_nearest_by_grid(
+                           ScalarBackend<ThreadPool::Handle>{pool.threads()}, points));
     }
-    CHECK_FAULT(four_nearest_by_grid(ScalarBackend<Serial>{}, Columns<float>(line.leftCols(4))),
-                "got 4 points, expected at least 5");
+    CHECK_FAULT(
+        detail::four_nearest_by_grid(ScalarBackend<Serial>{}, Columns<float>(line.leftCols(4))),
+        "got 4 points, expected at least 5");
 }
 
 TEST_CASE("neighbours of the face: the other side's, and its own where that is nearest") {
@@ -50,14 +52,14 @@ TEST_CASE("neighbours of the face: the other side's, and its own where that is n
     points << -1, 1.1, 0, 5, -2, //
         2, 2, 2, 2, 2,           //
         3, 3, 3, 3, 3;
-    const NeighbourGraph graph = mirrored_nearest(ScalarBackend<Serial>{}, points);
+    const detail::NeighbourGraph graph = mirrored_nearest(ScalarBackend<Serial>{}, points);
     CHECK(graph[0] == std::array<Index, 4>{1, 0, 0, 0});
     CHECK(graph[1] == std::array<Index, 4>{0, 1, 1, 1});
     CHECK(graph[2] == std::array<Index, 4>{2, 2, 2, 2});
     CHECK(graph[3] == std::array<Index, 4>{4, 3, 3, 3}); // mirrored beyond all points
     CHECK(graph[4] == std::array<Index, 4>{1, 4, 4, 4});
     const Columns<double> cloud = random_columns<double>(3, 900, 5);
-    const NeighbourGraph of_cloud = mirrored_nearest(ScalarBackend<Serial>{}, cloud);
+    const detail::NeighbourGraph of_cloud = mirrored_nearest(ScalarBackend<Serial>{}, cloud);
     for (Index i = 0; i < cloud.cols(); ++i) {
         const Vec3<double> across(-cloud(0, i), cloud(1, i), cloud(2, i));
         Index nearest = 0;

@@ -93,13 +93,13 @@ TEST_CASE("growth: mean squared distance to four neighbours, within bounds") {
 }
 
 TEST_CASE("lids that a blink takes into an eyeball are put before it") {
-    LidEyeballs<double> eyes{Columns<double>::Zero(3, 2), {1, 1}};
+    detail::LidEyeballs<double> eyes{Columns<double>::Zero(3, 2), {1, 1}};
     eyes.centre(0, 0) = 5;
     Columns<double> open(3, 4), points(3, 4);
     open << 5, 5, 0, 5, 1.2, 0.5, 0, 1.2, 0, 0, 1.2, 0;
     points << 5, 5, 0, 5, 0.8, 0.8, 1.1, 0.2, 0, 0, 0, 0;
     Columns<double> moved = points;
-    move_out_of_eyeballs(eyes, 0.1, open, moved);
+    detail::move_out_of_eyeballs(eyes, 0.1, open, moved);
     CHECK((moved.col(0) - Vec3<double>(5, 1.1, 0)).norm() < 1e-12);
     CHECK(moved.col(1) == points.col(1)); // inside with open lids, too
     CHECK((moved.col(2) - Vec3<double>(0, 1.1, 0)).norm() < 1e-12); // no further than it is
@@ -109,7 +109,7 @@ TEST_CASE("lids that a blink takes into an eyeball are put before it") {
 TEST_CASE("points of lids have their neighbours among those around") {
     Draw draw;
     const Columns<double> at = draw.columns(3, 60, 1);
-    const NeighbourGraph graph = four_nearest_by_grid(ScalarBackend<Serial>{}, at);
+    const detail::NeighbourGraph graph = detail::four_nearest_by_grid(ScalarBackend<Serial>{}, at);
     std::vector<Index> moved;
     std::vector<double> growth;
     for (Index i = 0; i < 60; ++i) {
@@ -166,8 +166,8 @@ TEST_CASE("lids that are fitted grow as they close, and nothing else changes") {
                             open_fitted = subject.driven(fitted, 0),
                             closed_fitted = subject.driven(fitted, 1);
     // How much of what neighbours ask for the scales have grown by.
-    const NeighbourGraph near =
-        four_nearest_by_grid(ScalarBackend<Serial>{}, subject.avatar.face.position);
+    const detail::NeighbourGraph near =
+        detail::four_nearest_by_grid(ScalarBackend<Serial>{}, subject.avatar.face.position);
     const std::vector<double> growth =
         detail::growth_of<double>(closed_fitted.mean, open_fitted.mean, near, 6);
     const Columns<double> influence =

@@ -294,7 +294,7 @@ TEST_CASE("ranks whose arrays differ are told which") {
         run_ranks(2,
                   [&](ThreadGroup& group) {
                       std::vector<float> x(static_cast<std::size_t>(3 + group.rank()));
-                      group.sum(GroupArrays<float>{x});
+                      group.sum(detail::GroupArrays<float>{x});
                   }),
         "ThreadGroup: array 0 of rank 1 has 4 numbers, that of rank 0 has 3");
     CHECK_THROWS_WITH(run_ranks(0, [](ThreadGroup&) {}),

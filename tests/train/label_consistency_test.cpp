@@ -152,7 +152,7 @@ TEST_CASE("left-out predictions are those of fits without the frame") {
     const Columns<double> y =
         normal.columns(2, frames) + normal.columns(2, 3) * few + Columns<double>::Ones(2, frames);
     for (const Columns<double>& x : {few, many}) {
-        const LeftOutRidge regression(x);
+        const detail::LeftOutRidge regression(x);
         for (const double ridge : {0.1, 1.0, 25.0, infinite}) {
             CAPTURE(x.rows());
             CAPTURE(ridge);
@@ -164,7 +164,7 @@ TEST_CASE("left-out predictions are those of fits without the frame") {
                 CHECK(off(f, f) == doctest::Approx(1)); // no prediction uses the frame itself
             }
         }
-        const LeftOutRidge<double>::Fit fit = regression.fit(y);
+        const detail::LeftOutRidge<double>::Fit fit = regression.fit(y);
         CAPTURE(fit.ridge);
         for (Index f = 0; f < frames; ++f) {
             const VecX<double> by_force = left_out_by_force(x, y, f, fit.ridge);
@@ -181,7 +181,7 @@ TEST_CASE("the mean predicts what has nothing to do with the regressors") {
         Normal normal{{seed, 2}};
         const Columns<double> x = normal.columns(6, frames);
         const Columns<double> y = normal.columns(12, frames);
-        const LeftOutRidge<double>::Fit fit = LeftOutRidge(x).fit(y);
+        const detail::LeftOutRidge<double>::Fit fit = detail::LeftOutRidge(x).fit(y);
         CHECK(fit.rms > 0.8);
         if (!std::isinf(fit.ridge)) continue;
         ++mean;
@@ -202,23 +202,26 @@ TEST_CASE("a linear quantity is predicted, also by as many regressors as a third
     Columns<double> y = normal.columns(5, 8) * x;
     y.colwise() += normal.columns(5, 1, 10).col(0);
     const double moved = rms(y.colwise() - y.rowwise().mean());
-    const LeftOutRidge<double>::Fit fit = LeftOutRidge(x).fit(y);
+    const detail::LeftOutRidge<double>::Fit fit = detail::LeftOutRidge(x).fit(y);
     CAPTURE(fit.ridge);
     CHECK(std::isfinite(fit.ridge));
     CHECK(fit.rms < 2e-3 * moved);
     CHECK(rms(y - fit.fitted) < fit.rms);
     // With noise the predictions are hardly worse than it.
-    const LeftOutRidge<double>::Fit noisy = LeftOutRidge(x).fit(y + normal.columns(5, frames, 0.1));
+    const detail::LeftOutRidge<double>::Fit noisy =
+        detail::LeftOutRidge(x).fit(y + normal.columns(5, frames, 0.1));
     CHECK(std::isfinite(noisy.ridge));
     CHECK(noisy.rms < 0.2);
     CHECK(noisy.ridge >= fit.ridge);
 }
 
 TEST_CASE("regressions of fewer than three frames are refused") {
-    CHECK_FAULT(LeftOutRidge(Columns<double>::Ones(4, 2)), "got 2 frames, expected 3 or more");
-    CHECK_NOTHROW(LeftOutRidge(Columns<double>::Ones(4, 3))); // that all are alike is no fault
-    const LeftOutRidge<double>::Fit fit =
-        LeftOutRidge(Columns<double>::Ones(4, 3)).fit(Vec3<double>(1, 2, 6).transpose());
+    CHECK_FAULT(detail::LeftOutRidge(Columns<double>::Ones(4, 2)),
+                "got 2 frames, expected 3 or more");
+    CHECK_NOTHROW(
+        detail::LeftOutRidge(Columns<double>::Ones(4, 3))); // that all are alike is no fault
+    const detail::LeftOutRidge<double>::Fit fit =
+        detail::LeftOutRidge(Columns<double>::Ones(4, 3)).fit(Vec3<double>(1, 2, 6).transpose());
     CHECK(fit.left_out(0, 2) == doctest::Approx(1.5));
 }
 
@@ -386,7 +389,7 @@ TEST_CASE("the same labels give the same bits") {
         CHECK(one[f].translation == other[f].translation);
         CHECK(a.frames[f] == b.frames[f]);
     }
-    const LeftOutRidge regression(x);
+    const detail::LeftOutRidge regression(x);
     const Columns<double> y = frames[0].leftCols(12);
-    CHECK(regression.fit(y).left_out == LeftOutRidge(x).fit(y).left_out);
+    CHECK(regression.fit(y).left_out == detail::LeftOutRidge(x).fit(y).left_out);
 }

@@ -35,7 +35,7 @@ TEST_CASE("eyeball Gaussians are bounded by the template's spacing, and thinner 
     EyeStream<double> eyes = tiny_avatar(tiny_config(), draw).eyes;
     eyes.log_scale.setZero();
     eyes.log_scale.col(1).setConstant(-20);
-    bound_scales(eyes, 0.7, 0.1);
+    detail::bound_scales(eyes, 0.7, 0.1);
     const double most = 0.7 * eyes.spacing(0, 0);
     CHECK(std::exp(eyes.log_scale(0, 0)) == doctest::Approx(most));
     CHECK(std::exp(eyes.log_scale(1, 0)) == doctest::Approx(most));

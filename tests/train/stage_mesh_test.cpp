@@ -34,7 +34,7 @@ double law_error(bool follow_gaze, ChosenMetric metric, std::uint64_t seed,
     mesh_losses_vjp(B{}, mesh, stage, trace, grad);
     const GuidanceMesh<T> direction = random_like(mesh, Random{seed, 5});
     GuidanceMesh<D> dual = lifted<D>(mesh);
-    seed_fields(dual, mesh, direction);
+    detail::seed_fields(dual, mesh, direction);
     MeshTrace<D> dual_trace;
     const TetGrid<D> dual_grid = grid_in<D>(grid);
     const MeshStage<D> dual_stage{landmarks, dual_grid};

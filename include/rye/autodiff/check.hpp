@@ -47,6 +47,8 @@ inline double disagreement(const DotSum& a, const DotSum& b) {
     return std::isfinite(r) ? r : std::numeric_limits<double>::infinity();
 }
 
+namespace detail {
+
 /// Returns the disagreement of <J dx, w> and <dx, vjp(w)> at x. `f` takes columns of duals, `vjp`
 /// takes the cotangent of f(x) and returns that of x.
 template <class F, class Vjp, class X>
@@ -59,6 +61,8 @@ double dot_product_test(F&& f, Vjp&& vjp, const Columns<X>& x, const Columns<X>&
     return disagreement(forward, reverse);
 }
 
+} // namespace detail
+
 /// Returns (f(x + h dx) - f(x - h dx)) / 2h; `f` takes columns of doubles. The step suits inputs
 /// near 1.
 template <class F>
@@ -68,6 +72,8 @@ Columns<double> central_difference(F&& f, const Columns<double>& x, const Column
     const Columns<double> below = f(Columns<double>(x - h * dx));
     return (above - below) / (2 * h);
 }
+
+namespace detail {
 
 /// Returns the disagreement of <central difference, w> and <dx, vjp(w)> at x.
 template <class F, class Vjp>
@@ -79,6 +85,8 @@ double difference_test(F&& f, Vjp&& vjp, const Columns<double>& x, const Columns
     reverse.add(dx, g);
     return disagreement(forward, reverse);
 }
+
+} // namespace detail
 
 /// Returns standard normal numbers, for directions and cotangents.
 template <Real T>
@@ -103,6 +111,8 @@ P random_like(const P& p, const Random& random) {
     return r;
 }
 
+namespace detail {
+
 /// Writes x + dx e into the arrays of a struct of duals, whose other members the caller has set.
 template <class DualP, class P>
 void seed_fields(DualP& duals, const P& x, const P& dx) {
@@ -110,5 +120,7 @@ void seed_fields(DualP& duals, const P& x, const P& dx) {
         [](const std::string&, auto& d, const auto& a, const auto& b) { d = seeded(a, b); }, duals,
         x, dx);
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -8,6 +8,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Returns x + dx e, entry by entry; both of one shape.
 template <class X, class D>
 Columns<Dual<typename X::Scalar, 1>> seeded(const Eigen::MatrixBase<X>& x,
@@ -21,6 +23,8 @@ Columns<Dual<typename X::Scalar, 1>> seeded(const Eigen::MatrixBase<X>& x,
         }
     return r;
 }
+
+} // namespace detail
 
 /// Returns the values of an array of duals.
 template <Scalar T, int N, class Tag>
@@ -48,7 +52,7 @@ T derivative(F&& f, const T& x) {
 template <class F, class X, class D>
 Columns<typename X::Scalar> jvp(F&& f, const Eigen::MatrixBase<X>& x,
                                 const Eigen::MatrixBase<D>& dx) {
-    const Columns<Dual<typename X::Scalar, 1>> y = f(seeded(x, dx));
+    const Columns<Dual<typename X::Scalar, 1>> y = f(detail::seeded(x, dx));
     return tangents_of(y);
 }
 

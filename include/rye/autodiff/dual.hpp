@@ -268,10 +268,14 @@ struct Dual {
     }
 };
 
+namespace detail {
+
 template <class T, int N, class Tag>
 struct RealOf<Dual<T, N, Tag>> {
     using type = real_t<T>;
 };
+
+} // namespace detail
 
 /// Returns the innermost value.
 template <class T, int N, class Tag>

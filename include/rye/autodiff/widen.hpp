@@ -5,7 +5,7 @@
 
 #include <rye/autodiff/dual.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// T in double: double for float, Dual<double, N> for Dual<float, N>; other types are the same.
 template <class T>
@@ -40,4 +40,4 @@ RYE_HD constexpr To scalar_cast(const From& x) {
     }
 }
 
-} // namespace rye
+} // namespace rye::detail

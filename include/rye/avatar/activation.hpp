@@ -14,6 +14,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// tanh, element by element.
 template <class T, Backend B>
 void tanh_into(const B& backend, const Columns<T>& x, Columns<T>& y) {
@@ -29,6 +31,8 @@ void tanh_into(const B& backend, const Columns<T>& x, Columns<T>& y) {
     });
 }
 
+} // namespace detail
+
 /// A face's attributes as they are trained: unbounded.
 template <class T>
 struct RawAttributes {
@@ -36,6 +40,8 @@ struct RawAttributes {
     const Columns<T>& rotation;       ///< 4 x N
     const Columns<T>& opacity_logit;  ///< 1 x N
 };
+
+namespace detail {
 
 /// Destination of activated attributes: the first N columns, or more, of each.
 template <class T>
@@ -66,6 +72,8 @@ void activate_into(const B& backend, const RawAttributes<T>& raw, const DrawnAtt
     });
 }
 
+} // namespace detail
+
 /// The cotangents of raw attributes and steps alike, 8 x N, from those of the first N Gaussians of
 /// `g`. The drawn ones are results of activate_into.
 template <class T, Backend B>
@@ -75,10 +83,10 @@ Columns<T> activate_vjp(const B& backend, const Columns<T>& drawn_scale,
     for_chunks(backend.threads, n, 256, [&](Index b, Index e, Index) {
         for (Index i = b; i < e; ++i) {
             for (Index k = 0; k < 3; ++k)
-                r(k, i) = drawn_scale_vjp<T>(drawn_scale(k, i), g.scale(k, i));
+                r(k, i) = detail::drawn_scale_vjp<T>(drawn_scale(k, i), g.scale(k, i));
             for (Index k = 0; k < 4; ++k) r(3 + k, i) = g.rotation(k, i);
             const T a = drawn_opacity(0, i);
-            r(7, i) = drawn_opacity_vjp<T>(a, T(1) - a, g.opacity(0, i));
+            r(7, i) = detail::drawn_opacity_vjp<T>(a, T(1) - a, g.opacity(0, i));
         }
     });
     return r;

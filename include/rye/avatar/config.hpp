@@ -83,6 +83,8 @@ inline MlpShape mlp_shape(int point_inputs, int frame_inputs, const std::vector<
     return shape;
 }
 
+namespace detail {
+
 /// The same with the skip of a policy.
 template <NetworkPolicy N>
 MlpShape network_shape(MlpShape shape) {
@@ -90,11 +92,13 @@ MlpShape network_shape(MlpShape shape) {
     return shape;
 }
 
+} // namespace detail
+
 /// A first network for points that frame inputs drive.
 template <class T, NetworkPolicy N = PublishedNetworks>
 auto driven_mlp(const AvatarConfig& config, const MlpShape& of, const Random& random) {
     using Network = Mlp<T, typename N::Activation>;
-    const MlpShape shape = network_shape<N>(of);
+    const MlpShape shape = detail::network_shape<N>(of);
     Network mlp = Network::init(shape, random);
     if (config.drivers_from_zero)
         for (int l = 0; l < shape.layers(); ++l)

@@ -18,11 +18,13 @@
 namespace rye {
 
 /// Present where an effect reads the expression.
-using ReadsExpression = ReaderOf<Reads::expression>;
+using ReadsExpression = detail::ReaderOf<Reads::expression>;
 /// Present where an effect reads the head pose.
-using ReadsHeadPose = ReaderOf<Reads::head_pose>;
+using ReadsHeadPose = detail::ReaderOf<Reads::head_pose>;
 /// Present where an effect reads the camera's position.
-using ReadsCamera = ReaderOf<Reads::camera>;
+using ReadsCamera = detail::ReaderOf<Reads::camera>;
+
+namespace detail {
 
 /// A point that nobody has set, where V is one.
 template <class V>
@@ -33,21 +35,24 @@ V unset_point() {
         return V::Constant(typename V::Scalar(std::numeric_limits<double>::quiet_NaN()));
 }
 
+} // namespace detail
+
 /// Drivers of a frame of an avatar with the effects E; a driver that no effect reads is absent.
 template <class T, EffectSet E = PaperEffects>
 struct Drivers {
     /// Blendshape coefficients.
-    [[no_unique_address]] Slot<E, ReadsExpression, VecX<T>> expression;
+    [[no_unique_address]] detail::Slot<E, ReadsExpression, VecX<T>> expression;
     /// Axis-angle [rad], translation [world unit].
-    [[no_unique_address]] Slot<E, ReadsHeadPose, Vec<T, 6>> pose;
+    [[no_unique_address]] detail::Slot<E, ReadsHeadPose, Vec<T, 6>> pose;
     /// S, world units per canonical unit.
-    [[no_unique_address]] Slot<E, HeadPose, T> scale = initial_slot<Slot<E, HeadPose, T>>(1);
+    [[no_unique_address]] detail::Slot<E, HeadPose, T> scale =
+        detail::initial_slot<detail::Slot<E, HeadPose, T>>(1);
     /// Tracked gazes, left and right, head frame: visual axes for an avatar with a kappa, else
     /// optical ones.
-    [[no_unique_address]] GazeSlot<E, Vec3<T>> gaze;
+    [[no_unique_address]] detail::GazeSlot<E, Vec3<T>> gaze;
     /// The camera's centre, world.
-    [[no_unique_address]] Slot<E, ReadsCamera, Vec3<T>> camera =
-        unset_point<Slot<E, ReadsCamera, Vec3<T>>>();
+    [[no_unique_address]] detail::Slot<E, ReadsCamera, Vec3<T>> camera =
+        detail::unset_point<detail::Slot<E, ReadsCamera, Vec3<T>>>();
 
     template <class U>
     Drivers<U, E> cast() const {
@@ -101,9 +106,11 @@ using ReadsPoseCode = AnyOf<PoseResidual, EyeOffset>;
 /// The frame inputs of the networks.
 template <class T, EffectSet E = PaperEffects>
 struct FrameCode {
-    [[no_unique_address]] Slot<E, ReadsExpression, VecX<T>> expression; ///< raw
-    [[no_unique_address]] Slot<E, ReadsPoseCode, VecX<T>> pose; ///< encoded, 54 with 4 octaves
-    [[no_unique_address]] SkinSlot<E, VecX<T>> gaze; ///< encoded (pitch, yaw), 18 an eye with 4
+    [[no_unique_address]] detail::Slot<E, ReadsExpression, VecX<T>> expression; ///< raw
+    [[no_unique_address]] detail::Slot<E, ReadsPoseCode, VecX<T>>
+        pose; ///< encoded, 54 with 4 octaves
+    [[no_unique_address]] detail::SkinSlot<E, VecX<T>>
+        gaze; ///< encoded (pitch, yaw), 18 an eye with 4
 };
 
 /// Returns the codes of a frame.
@@ -113,11 +120,11 @@ FrameCode<T, E> frame_code(const AvatarConfig& config, const OpticalDrivers<T, E
     FrameCode<T, E> code;
     if constexpr (has_effect<E, ReadsExpression>) code.expression = drivers.expression;
     if constexpr (has_effect<E, ReadsPoseCode>)
-        code.pose = EncodingOf<E>::encode(drivers.pose, config.pose_frequencies);
+        code.pose = detail::EncodingOf<E>::encode(drivers.pose, config.pose_frequencies);
     for_eyes([&]<std::size_t eye>() {
-        if constexpr (skin_follows<E, eye>) {
+        if constexpr (detail::skin_follows<E, eye>) {
             const Vec2<T> angles = pitch_yaw(of_eye<eye>(drivers.gaze));
-            of_eye<eye>(code.gaze) = EncodingOf<E>::encode(angles, config.gaze_frequencies);
+            of_eye<eye>(code.gaze) = detail::EncodingOf<E>::encode(angles, config.gaze_frequencies);
         }
     });
     return code;

@@ -11,6 +11,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// The angles of an eye (0: the subject's left) of the 2 x 2 parameter [rad].
 template <class T>
 KappaAngles<T> kappa_of(const Columns<T>& kappa, std::size_t eye) {
@@ -38,8 +40,12 @@ struct TurnCotangent {
     }
 };
 
+} // namespace detail
+
 /// Numbers that a TurnCotangent is summed as: matrix, quaternion.
 inline constexpr int turn_sums = 13;
+
+namespace detail {
 
 /// Adds it to sums, from the first on.
 template <class T, class Sums>
@@ -64,6 +70,8 @@ struct OpticalCotangent {
     const VecX<T>* code;
 };
 
+} // namespace detail
+
 /// The optical axis and the turn to it, with their derivatives by (pitch, yaw) of kappa.
 template <class T>
 struct KappaTangent {
@@ -80,7 +88,7 @@ struct KappaTangent {
           matrix(quat_matrix(turn)) {}
 
     /// The turn's part of the cotangent of an angle, 0 or 1.
-    RYE_HD T of_turn(const TurnCotangent<T>& g, std::size_t angle) const {
+    RYE_HD T of_turn(const detail::TurnCotangent<T>& g, std::size_t angle) const {
         T s = T(0);
         for (Index i = 0; i < 9; ++i)
             s += g.rotation(i / 3, i % 3) * matrix(i / 3, i % 3).d[angle];
@@ -92,7 +100,7 @@ struct KappaTangent {
 /// The cotangent of (pitch, yaw) of kappa.
 template <Encoding C = PositionalEncoding, class T>
 Vec2<T> kappa_vjp(const AvatarConfig& config, const Vec3<T>& visual, const KappaAngles<T>& kappa,
-                  const std::type_identity_t<OpticalCotangent<T>>& g) {
+                  const std::type_identity_t<detail::OpticalCotangent<T>>& g) {
     const KappaTangent<T> tangent(visual, kappa);
     const Columns<Dual<T, 2>> code =
         C::encode(pitch_yaw(tangent.optical), config.gaze_frequencies);

@@ -13,6 +13,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Numbers of a cornea in an array: centre, radius, axis, rim, as rig/cornea.hpp's Cornea has them.
 inline constexpr Index cornea_numbers = 8;
 /// Channels that a light adds to, the first ones.
@@ -35,6 +37,8 @@ struct LightArrays {
     Index count;        ///< L
 };
 
+} // namespace detail
+
 /// A light before an eye, and the camera; in the eyeball's frame.
 template <class T>
 struct SeenLight {
@@ -43,6 +47,8 @@ struct SeenLight {
     Vec3<T> to;          ///< the same of unit length
     T width;             ///< [rad]
 };
+
+namespace detail {
 
 /// Returns light l before an eye; `camera` is a point of the world.
 template <Scalar T>
@@ -135,6 +141,8 @@ struct LightEyePointVjp {
     }
 };
 
+} // namespace detail
+
 /// Cotangents of the camera and of a light, in the eyeball's frame.
 template <class T>
 struct LightGradient {
@@ -143,10 +151,12 @@ struct LightGradient {
 /// Returns them, given the sums of LightEyePointVjp.
 template <class T, class Sums>
 RYE_HD LightGradient<T> light_vjp(const SeenLight<T>& light, const Sums& sum) {
-    constexpr int camera = LightEyePointVjp<T>::camera_at;
+    constexpr int camera = detail::LightEyePointVjp<T>::camera_at;
     return {Vec3<T>(sum[camera], sum[camera + 1], sum[camera + 2]),
             normalized_vjp(light.from_cornea, Vec3<T>(sum[0], sum[1], sum[2]))};
 }
+
+namespace detail {
 
 /// Cotangents of an eye's transform to the world, of points that it takes into the eye.
 template <class T>
@@ -187,5 +197,7 @@ RYE_HD PlacedEyeCotangent<T> placed_eye_vjp(const IntoEye<T>& g, const EyeTransf
     r.head_translation = g.translation;
     return r;
 }
+
+} // namespace detail
 
 } // namespace rye

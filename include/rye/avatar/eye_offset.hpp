@@ -17,11 +17,11 @@ struct EyeOffsetNetwork {
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
-        nested_fields<Network>("eye_offset_mlp", f, p.mlp...);
+        detail::nested_fields<Network>("eye_offset_mlp", f, p.mlp...);
     }
     /// The last layer starts at 0, so that training starts at the measured neutral centres.
     static EyeOffsetNetwork init(const AvatarConfig& c, const Random& random) {
-        const MlpShape shape = network_shape<N>(
+        const MlpShape shape = detail::network_shape<N>(
             mlp_shape(c.expression + c.pose_code<N>(), 0, c.networks.eye_offset, 6));
         EyeOffsetNetwork offset{Network::init(shape, random)};
         offset.mlp.weight.back().setZero();
@@ -46,9 +46,11 @@ Columns<T> eye_offset(const B& backend, const EyeOffsetNetwork<T, N>& offset,
     trace.input.resize(code.expression.size() + code.pose.size(), 1);
     trace.input << code.expression, code.pose;
     trace.squashed = mlp_forward<T>(backend, offset.mlp, trace.input, VecX<T>(), &trace.mlp);
-    squash_in_place(Squash::tanh, trace.squashed);
+    detail::squash_in_place(Squash::tanh, trace.squashed);
     return T(config.deform_scale) * trace.squashed.reshaped(3, 2);
 }
+
+namespace detail {
 
 /// An evaluation of the network.
 template <class T>
@@ -64,15 +66,18 @@ struct EyeOffsetGradients {
     VecX<T>& pose_code;
 };
 
+} // namespace detail
+
 /// Adds the gradients of the network and of the pose code, given that of both offsets (3 x 2).
 template <class T, class N, Backend B>
 void eye_offset_vjp(const B& backend, const EyeOffsetNetwork<T, N>& offset,
-                    const std::type_identity_t<EyeOffsetPass<T>>& pass, const Columns<T>& g_offset,
-                    const std::type_identity_t<EyeOffsetGradients<T, N>>& gradients) {
+                    const std::type_identity_t<detail::EyeOffsetPass<T>>& pass,
+                    const Columns<T>& g_offset,
+                    const std::type_identity_t<detail::EyeOffsetGradients<T, N>>& gradients) {
     const EyeOffsetTrace<T>& trace = pass.trace;
     VecX<T>& g_pose_code = gradients.pose_code;
     Columns<T> g = T(pass.config.deform_scale) * g_offset.reshaped(6, 1);
-    squash_vjp(Squash::tanh, trace.squashed, g);
+    detail::squash_vjp(Squash::tanh, trace.squashed, g);
     Columns<T> g_input;
     mlp_vjp<T>(backend, offset.mlp, {trace.input, VecX<T>(), trace.mlp}, g,
                {.params = gradients.network.mlp, .points = &g_input});

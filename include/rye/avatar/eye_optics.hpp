@@ -27,14 +27,14 @@ using SeesCornea = AnyOf<CornealRefraction, Glint>;
 template <class T, EffectSet E = PaperEffects>
 struct EyeOptics {
     /// Fixed, an eye a column: centre, radius, axis, rim of rig/cornea.hpp's Cornea, 8 x 2.
-    [[no_unique_address]] Slot<E, SeesCornea, Columns<T>> cornea;
-    [[no_unique_address]] Slot<E, CornealRefraction, Columns<T>> index;  ///< fixed, 1 x 2
-    [[no_unique_address]] Slot<E, Glint, Columns<T>> light_position;     ///< world, 3 x L
+    [[no_unique_address]] detail::Slot<E, SeesCornea, Columns<T>> cornea;
+    [[no_unique_address]] detail::Slot<E, CornealRefraction, Columns<T>> index; ///< fixed, 1 x 2
+    [[no_unique_address]] detail::Slot<E, Glint, Columns<T>> light_position;    ///< world, 3 x L
     /// Colour that a light's highlight adds to the first channels at its middle, 3 x L.
-    [[no_unique_address]] Slot<E, Glint, Columns<T>, 1> light_intensity;
+    [[no_unique_address]] detail::Slot<E, Glint, Columns<T>, 1> light_intensity;
     /// Fixed: the deviation of a light's lobe [rad], 1 x L (rig/cornea.hpp). Gaussians that are
     /// farther apart than its image, about half the corneal radius times that, do not show it.
-    [[no_unique_address]] Slot<E, Glint, Columns<T>, 2> light_width;
+    [[no_unique_address]] detail::Slot<E, Glint, Columns<T>, 2> light_width;
 
     template <class F, class... P>
     static void fields([[maybe_unused]] F&& f, [[maybe_unused]] P&&... p) {
@@ -85,8 +85,8 @@ Cornea<T> cornea_of(const Columns<T>& cornea, std::size_t eye) {
 template <Real T, EffectSet E>
     requires has_effect<E, SeesCornea>
 void set_corneas(EyeOptics<T, E>& optics, const Cornea<T>& left, const Cornea<T>& right,
-                 double index = aqueous_index) {
-    optics.cornea.resize(cornea_numbers, 2);
+                 double index = detail::aqueous_index) {
+    optics.cornea.resize(detail::cornea_numbers, 2);
     for (Index k = 0; k < 3; ++k) {
         optics.cornea.row(k) << left.centre[k], right.centre[k];
         optics.cornea.row(4 + k) << left.axis[k], right.axis[k];
@@ -97,7 +97,7 @@ void set_corneas(EyeOptics<T, E>& optics, const Cornea<T>& left, const Cornea<T>
         optics.index = Columns<T>::Constant(1, 2, static_cast<T>(index));
     if constexpr (has_effect<E, Glint>) {
         optics.light_position.resize(3, 0);
-        optics.light_intensity.resize(light_channels, 0);
+        optics.light_intensity.resize(detail::light_channels, 0);
         optics.light_width.resize(1, 0);
     }
 }
@@ -110,11 +110,13 @@ inline constexpr Index most_lights = 16;
 template <class T, EffectSet E>
     requires has_effect<E, Glint>
 void resize_lights(EyeOptics<T, E>& optics, Index count) {
-    if (optics.cornea.size() == 0) optics.cornea.setZero(cornea_numbers, 2);
+    if (optics.cornea.size() == 0) optics.cornea.setZero(detail::cornea_numbers, 2);
     optics.light_position.setZero(3, count);
-    optics.light_intensity.setZero(light_channels, count);
+    optics.light_intensity.setZero(detail::light_channels, count);
     optics.light_width.setOnes(1, count);
 }
+
+namespace detail {
 
 /// Turns an eye's cornea, where there is one, with its points.
 template <class T, EffectSet E>
@@ -147,13 +149,16 @@ void check_optics(const EyeOptics<T, E>& optics) {
     }
 }
 
+} // namespace detail
+
 /// Returns the views of the lights' arrays.
 template <class T, EffectSet E>
-    requires has_effect<E, Glint>
-LightArrays<T> arrays_of(const EyeOptics<T, E>& optics) {
-    return {optics.cornea.data(), optics.light_position.data(), optics.light_intensity.data(),
-            optics.light_width.data(), optics.lights()};
-}
+    requires has_effect<E, Glint> detail::LightArrays<T> arrays_of(const EyeOptics<T, E>& optics) {
+        return {optics.cornea.data(), optics.light_position.data(), optics.light_intensity.data(),
+                optics.light_width.data(), optics.lights()};
+    }
+
+namespace detail {
 
 /// Intermediate results of the eyes' optics for their vjp; those of lights are empty without any.
 template <class T, EffectSet E = PaperEffects>
@@ -194,20 +199,28 @@ std::vector<SeenLight<T>> see_lights(const EyeOptics<T, E>& optics,
     return seen;
 }
 
+} // namespace detail
+
 /// Adds an eye's highlights to its columns of `feature`; `seen`: its points as they are seen.
 template <class T, EffectSet E, Backend B>
     requires has_effect<E, Glint>
 void add_highlights(const B& backend, const EyeOptics<T, E>& optics,
-                    const std::type_identity_t<ViewedEye<T>>& viewed,
+                    const std::type_identity_t<detail::ViewedEye<T>>& viewed,
                     const std::vector<SeenLight<T>>& lights, const T* seen, Index channels,
                     T* feature) {
-    const LightArrays<T> arrays = arrays_of(optics);
-    const T* const cornea = arrays.cornea + cornea_numbers * static_cast<Index>(viewed.eye);
+    const detail::LightArrays<T> arrays = arrays_of(optics);
+    const T* const cornea = arrays.cornea + detail::cornea_numbers * static_cast<Index>(viewed.eye);
     if (arrays.count > 0)
         for_each(backend, viewed.count,
-                 LightEyePoint<T>{{viewed.points, seen, cornea}, lights.data(), arrays.intensity,
-                                  arrays.count, channels, feature});
+                 detail::LightEyePoint<T>{{viewed.points, seen, cornea},
+                                          lights.data(),
+                                          arrays.intensity,
+                                          arrays.count,
+                                          channels,
+                                          feature});
 }
+
+namespace detail {
 
 /// Throws an Error unless the camera, which the corneas reflect or refract for, is somewhere.
 template <class T>
@@ -252,8 +265,6 @@ const T* look_into_eye(const B& backend, const EyeOptics<T, E>& optics,
     }
     return seen;
 }
-
-namespace detail {
 
 /// Cotangents of an eye's Gaussians: of its points as they are seen, in its frame (3 x P, where
 /// refraction reads them), and of its features.
@@ -310,8 +321,6 @@ IntoEye<T> look_into_eye_vjp(const B& backend, const EyeOptics<T, E>& optics,
     sum.add(viewed.placed, viewed.camera, g_camera);
     return sum;
 }
-
-} // namespace detail
 
 /// Both eyes before the camera.
 template <class T, EffectSet E>
@@ -371,5 +380,7 @@ void eye_optics_vjp(const B& backend, const EyeOptics<T, E>& optics,
         out.head.translation += apart.head_translation;
     }
 }
+
+} // namespace detail
 
 } // namespace rye

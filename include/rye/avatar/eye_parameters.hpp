@@ -32,9 +32,10 @@ struct EyeStream : EyeAppearanceParameters<T, E>, GazeMechanismParameters<T, E> 
     Columns<T> log_scale;      ///< 3 x P
     Columns<T> rotation;       ///< 4 x P, w x y z, in the frame of the eyeball
     Columns<T> opacity_logit;  ///< 1 x P
-    [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetNetwork<T, NetworksOf<E>>> offset;
+    [[no_unique_address]] detail::Slot<E, EyeOffset, EyeOffsetNetwork<T, detail::NetworksOf<E>>>
+        offset;
     /// (pitch, yaw) [rad] an eye, 2 x 2; or empty: gazes are optical axes.
-    [[no_unique_address]] Slot<E, Kappa, Columns<T>> kappa;
+    [[no_unique_address]] detail::Slot<E, Kappa, Columns<T>> kappa;
     [[no_unique_address]] EyeOptics<T, E> optics;
 
     Columns<T> position;  ///< fixed: template points about their centre, 3 x P
@@ -50,7 +51,7 @@ struct EyeStream : EyeAppearanceParameters<T, E>, GazeMechanismParameters<T, E> 
         f("rotation", p.rotation...);
         f("opacity", p.opacity_logit...);
         if constexpr (has_effect<E, EyeOffset>)
-            EyeOffsetNetwork<T, NetworksOf<E>>::fields(f, p.offset...);
+            EyeOffsetNetwork<T, detail::NetworksOf<E>>::fields(f, p.offset...);
         if constexpr (has_effect<E, Kappa>)
             if (((p.kappa.size() > 0) || ...)) f("kappa", p.kappa...);
         EyeOptics<T, E>::fields(f, p.optics...);
@@ -75,6 +76,8 @@ struct EyeStream : EyeAppearanceParameters<T, E>, GazeMechanismParameters<T, E> 
     }
 };
 
+namespace detail {
+
 /// The largest logarithms of scales that bound_scales leaves, 3 x P.
 template <Real T, EffectSet E>
 Columns<T> scale_bounds(const EyeStream<T, E>& eyes, std::type_identity_t<T> factor,
@@ -96,6 +99,8 @@ void bound_scales(EyeStream<T, E>& eyes, std::type_identity_t<T> factor,
     eyes.log_scale = eyes.log_scale.cwiseMin(scale_bounds(eyes, factor, thickness));
 }
 
+} // namespace detail
+
 /// Returns the drivers with optical axes, by the avatar's kappa; without one their gazes are these.
 template <class T, EffectSet E>
 OpticalDrivers<T, E> optical_drivers([[maybe_unused]] const EyeStream<T, E>& eyes,
@@ -106,7 +111,7 @@ OpticalDrivers<T, E> optical_drivers([[maybe_unused]] const EyeStream<T, E>& eye
             for_eyes([&]<std::size_t eye>() {
                 if constexpr (eye_turns<E, eye>)
                     of_eye<eye>(optical.drivers.gaze) = apply_kappa<T>(
-                        of_eye<eye>(drivers.gaze), kappa_of(eyes.kappa, eye));
+                        of_eye<eye>(drivers.gaze), detail::kappa_of(eyes.kappa, eye));
             });
     return optical;
 }

@@ -23,6 +23,8 @@ struct EyeFrame {
     const FrameCode<T, E>& code;
 };
 
+namespace detail {
+
 /// Calls f(inputs) with the frame's inputs of the eyes' appearance, computed only if used.
 template <class T, EffectSet E, class F>
 void with_eye_inputs(const EyeStream<T, E>& eyes, const OpticalDrivers<T, E>& optical,
@@ -79,16 +81,21 @@ struct EyeArrays {
         return {log_scale + 3 * first, rotation + 4 * first, opacity_logit + first};
     }
 };
+
+} // namespace detail
+
 /// Returns the views of the eyes' arrays.
 template <class T, EffectSet E>
-EyeArrays<const T> arrays_of(const EyeStream<T, E>& eyes) {
+detail::EyeArrays<const T> arrays_of(const EyeStream<T, E>& eyes) {
     return {eyes.log_scale.data(), eyes.rotation.data(), eyes.opacity_logit.data()};
 }
 /// The same, to be written.
 template <class T, EffectSet E>
-EyeArrays<T> arrays_of(EyeStream<T, E>& eyes) {
+detail::EyeArrays<T> arrays_of(EyeStream<T, E>& eyes) {
     return {eyes.log_scale.data(), eyes.rotation.data(), eyes.opacity_logit.data()};
 }
+
+namespace detail {
 
 /// Returns where the transform of an avatar with a head pose lies; null for one without.
 template <class T>
@@ -222,6 +229,8 @@ EyeTransform<T> placed_eye(const EyeStream<T, E>& eyes, const Vec3<T>& centre,
 template <EffectSet E>
 inline constexpr bool eyes_apart = EyeByEye<EyeAppearanceOf<E>>;
 
+} // namespace detail
+
 /// Writes the features of some eyes, in the columns of `g` from `begin` on; of both unless
 /// eyes_apart.
 template <class T, EffectSet E, Backend B>
@@ -230,11 +239,11 @@ void eye_features(const B& backend, const EyeStream<T, E>& eyes,
                   const std::array<bool, 2>& which, Index begin, Gaussians<T>& g) {
     using Appearance = EyeAppearanceOf<E>;
     using Mechanism = GazeMechanismOf<E>;
-    with_eye_inputs(eyes, frame.optical, frame.code, [&](const EyeInputs<T>& inputs) {
+    detail::with_eye_inputs(eyes, frame.optical, frame.code, [&](const EyeInputs<T>& inputs) {
         ColumnsSpan<T> feature(g.feature.middleCols(begin, eyes.position.cols()));
         if (which[0] && which[1]) {
             Appearance::features(backend, eyes.appearance(), inputs, feature);
-        } else if constexpr (eyes_apart<E>) {
+        } else if constexpr (detail::eyes_apart<E>) {
             for (std::size_t eye = 0; eye < 2; ++eye)
                 if (which[eye])
                     Appearance::eye_features(backend, eyes.appearance(), inputs, eye, feature);
@@ -247,9 +256,9 @@ void eye_features(const B& backend, const EyeStream<T, E>& eyes,
                 if (which[eye])
                     Mechanism::features(
                         eyes.mechanism(), eye,
-                        checked_gaze(of_eye<eye>(frame.optical.drivers.gaze)),
-                        ColumnsSpan<T>(g.feature.middleCols(begin + eyes.first_point(e),
-                                                            eyes.points_of(e))));
+                        detail::checked_gaze(of_eye<eye>(frame.optical.drivers.gaze)),
+                        ColumnsSpan<T>(
+                            g.feature.middleCols(begin + eyes.first_point(e), eyes.points_of(e))));
         });
 }
 

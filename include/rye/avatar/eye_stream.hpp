@@ -17,10 +17,12 @@ namespace rye {
 /// Intermediate results of a frame's eyeballs for their vjp.
 template <class T, EffectSet E = PaperEffects>
 struct EyeTrace {
-    [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetTrace<T>> offset;
-    [[no_unique_address]] GazeSlot<E, Quat<T>> turn;  ///< rest (+z) to gaze, no torsion
-    [[no_unique_address]] Slot<E, SeesCornea, OpticsTrace<T, E>> optics;
+    [[no_unique_address]] detail::Slot<E, EyeOffset, EyeOffsetTrace<T>> offset;
+    [[no_unique_address]] detail::GazeSlot<E, Quat<T>> turn; ///< rest (+z) to gaze, no torsion
+    [[no_unique_address]] detail::Slot<E, SeesCornea, detail::OpticsTrace<T, E>> optics;
 };
+
+namespace detail {
 
 /// Destination of driven eyeballs: P columns of a cloud from `begin` on.
 template <class T, EffectSet E>
@@ -30,13 +32,15 @@ struct EyesInCloud {
     Index begin;
 };
 
+} // namespace detail
+
 /// Writes the eyeballs, in the world. The drivers' gazes are optical axes; `head` is the
 /// HeadTransform of an avatar that has one.
 template <class T, EffectSet E, Backend B, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
 void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
                    const std::type_identity_t<EyeFrame<T, E>>& frame,
-                   const std::type_identity_t<EyesInCloud<T, E>>& to, const Head&... head) {
+                   const std::type_identity_t<detail::EyesInCloud<T, E>>& to, const Head&... head) {
     [[maybe_unused]] EyeTrace<T, E>& trace = to.trace;
     Gaussians<T>& g = to.gaussians;
     const Index begin = to.begin;
@@ -47,7 +51,7 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
     for_eyes([&]<std::size_t eye>() {
         constexpr Index e = static_cast<Index>(eye);
         const EyeTransform<T> placed =
-            placed_eye<eye>(eyes, Vec3<T>(centre.col(e)), frame.optical, head...);
+            detail::placed_eye<eye>(eyes, Vec3<T>(centre.col(e)), frame.optical, head...);
         if constexpr (eye_turns<E, eye>) {
             of_eye<eye>(trace.turn) = placed.quaternion;
             ((of_eye<eye>(trace.turn) =
@@ -57,16 +61,19 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
         const Index first = eyes.first_point(e), n = eyes.points_of(e);
         const T* points = eyes.position.data() + 3 * first;
         if constexpr (has_effect<E, SeesCornea>)
-            points = look_into_eye(backend, eyes.optics,
-                                   {eye, frame.optical.drivers.camera, placed, points, n},
-                                   trace.optics, g.feature.rows(),
-                                   g.feature.data() + g.feature.rows() * (begin + first));
+            points = detail::look_into_eye(backend, eyes.optics,
+                                           {eye, frame.optical.drivers.camera, placed, points, n},
+                                           trace.optics, g.feature.rows(),
+                                           g.feature.data() + g.feature.rows() * (begin + first));
         for_each(backend, n,
-                 DriveEyePoint<T, E>{{arrays_of(eyes).from(first), points,
-                                      columns_from(arrays_of(g), {begin + first, n}), &placed},
-                                     head_address<T>(head...)});
+                 detail::DriveEyePoint<T, E>{
+                     {arrays_of(eyes).from(first), points,
+                      detail::columns_from(arrays_of(g), {begin + first, n}), &placed},
+                     detail::head_address<T>(head...)});
     });
 }
+
+namespace detail {
 
 /// Accumulates the gradients of appearance and gaze mechanism from the features' cotangent, C x P.
 /// Returns the cotangents of the optical axes, which the frame's gazes are, and of the head pose,
@@ -113,6 +120,8 @@ struct PointGradients {
     EyeStream<T, E>& eyes;
 };
 
+} // namespace detail
+
 /// Driven eyes, as far as their vjp reads them.
 template <class T, EffectSet E>
 struct DrivenEyes {
@@ -124,39 +133,45 @@ struct DrivenEyes {
     Index begin;
 };
 
+namespace detail {
+
 /// Sums over each eye's points: EyeSums.
 template <class T, EffectSet E>
 using SumsOfEyes = std::tuple<SumsOf<EyePointVjp<T, E, 0>>, SumsOf<EyePointVjp<T, E, 1>>>;
+
+} // namespace detail
 
 /// Accumulates the gradients of sizes, rotations and opacities from the cotangents of the eyes'
 /// columns of `g` in the world; takes those of means to the head's frame, in place. Returns the
 /// points' sums.
 template <class T, EffectSet E, Backend B, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
-SumsOfEyes<T, E> eye_points_vjp(const B& backend, const EyeStream<T, E>& eyes,
-                                const std::type_identity_t<DrivenEyes<T, E>>& driven,
-                                const std::type_identity_t<PointGradients<T, E>>& to,
-                                const Head&... head) {
-    SumsOfEyes<T, E> sums;
+detail::SumsOfEyes<T, E> eye_points_vjp(
+    const B& backend, const EyeStream<T, E>& eyes,
+    const std::type_identity_t<DrivenEyes<T, E>>& driven,
+    const std::type_identity_t<detail::PointGradients<T, E>>& to, const Head&... head) {
+    detail::SumsOfEyes<T, E> sums;
     for_eyes([&]<std::size_t eye>() {
         constexpr Index e = static_cast<Index>(eye);
         const Index first = eyes.first_point(e), n = eyes.points_of(e);
-        const ColumnRange columns{driven.begin + first, n};
+        const detail::ColumnRange columns{driven.begin + first, n};
         const T* points = eyes.position.data() + 3 * first;
         if constexpr (has_effect<E, CornealRefraction>)
             points = driven.trace.optics.seen[eye].data();
         const Quat<T>* turn = nullptr;
         if constexpr (eye_turns<E, eye>) turn = &of_eye<eye>(driven.trace.turn);
         std::get<eye>(sums) =
-            sum_each(backend, n,
-                     EyePointVjp<T, E, int(eye)>{
-                         arrays_of(eyes).from(first), arrays_of(to.eyes).from(first), points,
-                         columns_from(arrays_of(driven.world), columns),
-                         columns_from(arrays_of(to.gaussians), columns),
-                         head_address<T>(head...), turn});
+            detail::sum_each(backend, n,
+                             detail::EyePointVjp<T, E, int(eye)>{
+                                 arrays_of(eyes).from(first), arrays_of(to.eyes).from(first),
+                                 points, detail::columns_from(arrays_of(driven.world), columns),
+                                 detail::columns_from(arrays_of(to.gaussians), columns),
+                                 detail::head_address<T>(head...), turn});
     });
     return sums;
 }
+
+namespace detail {
 
 /// Cotangents of the eyeballs, whose means are in the head's frame, and what eye_vjp adds to.
 /// frame.gaze holds the cotangents of the gaze codes before, frame.optics what eye_optics_vjp gave.
@@ -168,41 +183,45 @@ struct EyeGradients {
     FrameCotangent<T, E>& frame;
 };
 
+} // namespace detail
+
 /// Accumulates the gradients of what is common to an eye's points: appearance, mechanism, kappa and
 /// offset.
 template <class T, EffectSet E, Backend B>
 void eye_vjp(const B& backend, const EyeStream<T, E>& eyes,
              const std::type_identity_t<DrivenEyes<T, E>>& driven,
-             const std::type_identity_t<EyeGradients<T, E>>& gradients) {
+             const std::type_identity_t<detail::EyeGradients<T, E>>& gradients) {
     [[maybe_unused]] const AvatarConfig& config = driven.config;
     const OpticalDrivers<T, E> optical = optical_drivers(eyes, driven.drivers);
     [[maybe_unused]] const EyeTrace<T, E>& trace = driven.trace;
     EyeStream<T, E>& grad = gradients.eyes;
-    [[maybe_unused]] FrameCotangent<T, E>& g_frame = gradients.frame;
-    const EyeInputsCotangent<T> g_inputs = eye_features_vjp(
+    [[maybe_unused]] detail::FrameCotangent<T, E>& g_frame = gradients.frame;
+    const detail::EyeInputsCotangent<T> g_inputs = detail::eye_features_vjp(
         backend, eyes, {config, optical, driven.code},
         gradients.gaussians.feature.middleCols(driven.begin, eyes.position.cols()), grad);
-    if constexpr (eyes_read_pose<E>) g_frame.eye_pose += g_inputs.pose;
+    if constexpr (detail::eyes_read_pose<E>) g_frame.eye_pose += g_inputs.pose;
     for_eyes([&]<std::size_t eye>() {
-        using Sums = EyeSums<E, int(eye)>;
-        if constexpr (eye_turns<E, eye> && (has_effect<E, Kappa> || own_turn<E>)) {
-            TurnCotangent<T> g_turn;
+        using Sums = detail::EyeSums<E, int(eye)>;
+        if constexpr (eye_turns<E, eye> && (has_effect<E, Kappa> || detail::own_turn<E>)) {
+            detail::TurnCotangent<T> g_turn;
             if constexpr (Sums::turn)
-                take_turn_sums(std::get<eye>(gradients.sums).begin() + Sums::turn_at, g_turn);
+                detail::take_turn_sums(std::get<eye>(gradients.sums).begin() + Sums::turn_at,
+                                       g_turn);
             if constexpr (has_effect<E, SeesCornea>) g_turn.rotation += g_frame.optics.turn[eye];
             Vec3<T> g_optical = g_inputs.gaze[eye];
-            if constexpr (own_turn<E>) {
+            if constexpr (detail::own_turn<E>) {
                 g_optical += GazeMechanismOf<E>::turn_vjp(
-                    eyes.mechanism(), eye, checked_gaze(of_eye<eye>(optical.drivers.gaze)),
-                    turn_cotangent_of(of_eye<eye>(trace.turn), g_turn.rotation, g_turn.quaternion),
+                    eyes.mechanism(), eye, detail::checked_gaze(of_eye<eye>(optical.drivers.gaze)),
+                    detail::turn_cotangent_of(of_eye<eye>(trace.turn), g_turn.rotation,
+                                              g_turn.quaternion),
                     grad.mechanism());
             }
             if constexpr (has_effect<E, Kappa>)
                 if (eyes.kappa.size() > 0)
-                    grad.kappa.col(static_cast<Index>(eye)) += kappa_vjp<EncodingOf<E>, T>(
-                        config, of_eye<eye>(driven.drivers.gaze), kappa_of(eyes.kappa, eye),
-                        {own_turn<E> ? TurnCotangent<T>{} : g_turn, g_optical,
-                         gaze_code_cotangent<eye>(g_frame)});
+                    grad.kappa.col(static_cast<Index>(eye)) += kappa_vjp<detail::EncodingOf<E>, T>(
+                        config, of_eye<eye>(driven.drivers.gaze), detail::kappa_of(eyes.kappa, eye),
+                        {detail::own_turn<E> ? detail::TurnCotangent<T>{} : g_turn, g_optical,
+                         detail::gaze_code_cotangent<eye>(g_frame)});
         }
     });
     if constexpr (has_effect<E, EyeOffset>) {
@@ -210,7 +229,7 @@ void eye_vjp(const B& backend, const EyeStream<T, E>& eyes,
         for_eyes([&]<std::size_t eye>() {
             for (Index k = 0; k < 3; ++k)
                 g_offset(k, static_cast<Index>(eye)) = std::get<eye>(
-                    gradients.sums)[std::size_t(EyeSums<E, int(eye)>::centre_at + k)];
+                    gradients.sums)[std::size_t(detail::EyeSums<E, int(eye)>::centre_at + k)];
         });
         if constexpr (has_effect<E, SeesCornea>) g_offset += g_frame.optics.centre;
         eye_offset_vjp<T>(backend, eyes.offset, {config, trace.offset}, g_offset,

@@ -8,6 +8,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// A V for each network that both stages share.
 template <class V, EffectSet E = PaperEffects>
 struct FaceFields {
@@ -25,6 +27,8 @@ struct AttributeFields {
     [[no_unique_address]] Slot<E, Expression, V, 2> exp_attributes;
     [[no_unique_address]] Slot<E, PoseResidual, V, 2> pose_attributes;
 };
+
+} // namespace detail
 
 /// What each driver of the face has its things under: in FaceFields, in Weights, in FrameCode. The
 /// attributes (log-scale, quaternion, logit opacity) are stage 2's; the gaze has none.
@@ -66,8 +70,8 @@ template <EffectSet E, class F>
 void for_face_fields(F&& f) {
     if constexpr (has_effect<E, Expression>) f(ExpressionField{});
     if constexpr (has_effect<E, PoseResidual>) f(PoseField{});
-    if constexpr (skin_follows<E, 0>) f(GazeField<0>{});
-    if constexpr (skin_follows<E, 1>) f(GazeField<1>{});
+    if constexpr (detail::skin_follows<E, 0>) f(GazeField<0>{});
+    if constexpr (detail::skin_follows<E, 1>) f(GazeField<1>{});
 }
 /// For those that have attributes.
 template <EffectSet E, class F>
@@ -85,10 +89,15 @@ using FaceDrivers = AnyOf<Expression, PoseResidual, Periocular>;
 /// True if a driver of the face was left out, whose last result can be kept (avatar/hold.hpp).
 template <EffectSet E>
 inline constexpr bool face_rests = !has_effect<E, Expression> || !has_effect<E, PoseResidual> ||
-                                   !skin_follows<E, 0> || !skin_follows<E, 1>;
+                                   !detail::skin_follows<E, 0> || !detail::skin_follows<E, 1>;
+
+namespace detail {
+
 struct NothingLeftOut {};
 /// V where a driver of the face was left out, else absent.
 template <EffectSet E, class V, int number = 0>
 using RestSlot = std::conditional_t<face_rests<E>, V, Without<NothingLeftOut, number>>;
+
+} // namespace detail
 
 } // namespace rye

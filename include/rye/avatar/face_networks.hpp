@@ -12,34 +12,39 @@ namespace rye {
 
 /// The networks of a face's colours and deformations, one for each driver that E has.
 template <class T, EffectSet E = PaperEffects>
-struct FaceNetworks : FaceFields<NetworkOf<T, E>, E> {
+struct FaceNetworks : detail::FaceFields<detail::NetworkOf<T, E>, E> {
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
         if constexpr (has_effect<E, Expression>)
-            nested_fields<NetworkOf<T, E>>("exp_color_mlp", f, p.exp_color...);
+            detail::nested_fields<detail::NetworkOf<T, E>>("exp_color_mlp", f, p.exp_color...);
         if constexpr (has_effect<E, PoseResidual>)
-            nested_fields<NetworkOf<T, E>>("pose_color_mlp", f, p.pose_color...);
+            detail::nested_fields<detail::NetworkOf<T, E>>("pose_color_mlp", f, p.pose_color...);
         if constexpr (has_effect<E, Expression>)
-            nested_fields<NetworkOf<T, E>>("exp_deform_mlp", f, p.exp_deform...);
+            detail::nested_fields<detail::NetworkOf<T, E>>("exp_deform_mlp", f, p.exp_deform...);
         if constexpr (has_effect<E, PoseResidual>)
-            nested_fields<NetworkOf<T, E>>("pose_deform_mlp", f, p.pose_deform...);
-        if constexpr (skin_follows<E, 0>)
-            nested_fields<NetworkOf<T, E>>("leftgaze_deform_mlp", f, of_eye<0>(p.gaze_deform)...);
-        if constexpr (skin_follows<E, 1>)
-            nested_fields<NetworkOf<T, E>>("rightgaze_deform_mlp", f, of_eye<1>(p.gaze_deform)...);
-        if constexpr (skin_follows<E, 0>)
-            nested_fields<NetworkOf<T, E>>("leftgaze_color_mlp", f, of_eye<0>(p.gaze_color)...);
-        if constexpr (skin_follows<E, 1>)
-            nested_fields<NetworkOf<T, E>>("rightgaze_color_mlp", f, of_eye<1>(p.gaze_color)...);
+            detail::nested_fields<detail::NetworkOf<T, E>>("pose_deform_mlp", f, p.pose_deform...);
+        if constexpr (detail::skin_follows<E, 0>)
+            detail::nested_fields<detail::NetworkOf<T, E>>("leftgaze_deform_mlp", f,
+                                                           of_eye<0>(p.gaze_deform)...);
+        if constexpr (detail::skin_follows<E, 1>)
+            detail::nested_fields<detail::NetworkOf<T, E>>("rightgaze_deform_mlp", f,
+                                                           of_eye<1>(p.gaze_deform)...);
+        if constexpr (detail::skin_follows<E, 0>)
+            detail::nested_fields<detail::NetworkOf<T, E>>("leftgaze_color_mlp", f,
+                                                           of_eye<0>(p.gaze_color)...);
+        if constexpr (detail::skin_follows<E, 1>)
+            detail::nested_fields<detail::NetworkOf<T, E>>("rightgaze_color_mlp", f,
+                                                           of_eye<1>(p.gaze_color)...);
     }
 
     static FaceNetworks init(const AvatarConfig& c, const Random& random) {
-        const int xyz = c.position_code<NetworksOf<E>>(), pose = c.pose_code<NetworksOf<E>>(),
-                  gaze = c.gaze_code<NetworksOf<E>>();
+        const int xyz = c.position_code<detail::NetworksOf<E>>(),
+                  pose = c.pose_code<detail::NetworksOf<E>>(),
+                  gaze = c.gaze_code<detail::NetworksOf<E>>();
         const auto make = [&](int points, int frame, const std::vector<int>& hidden, int out,
                               std::uint64_t key) {
-            return driven_mlp<T, NetworksOf<E>>(c, mlp_shape(points, frame, hidden, out),
-                                                random.fork(key));
+            return driven_mlp<T, detail::NetworksOf<E>>(c, mlp_shape(points, frame, hidden, out),
+                                                        random.fork(key));
         };
         FaceNetworks n;
         if constexpr (has_effect<E, Expression>) {
@@ -51,7 +56,7 @@ struct FaceNetworks : FaceFields<NetworkOf<T, E>, E> {
             n.pose_deform = make(xyz, pose, c.networks.pose_deform, 3, 4);
         }
         for_eyes([&]<std::size_t eye>() {
-            if constexpr (skin_follows<E, eye>) {
+            if constexpr (detail::skin_follows<E, eye>) {
                 of_eye<eye>(n.gaze_deform) = make(xyz, gaze, c.networks.gaze_deform, 3, 5 + eye);
                 of_eye<eye>(n.gaze_color) =
                     make(c.feature, gaze, c.networks.gaze_color, c.channels, 7 + eye);

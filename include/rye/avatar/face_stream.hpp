@@ -16,22 +16,23 @@ namespace rye {
 /// Trained parameters of the face: N Gaussians at rest in the head frame, and the networks that
 /// drive them.
 template <class T, EffectSet E = PaperEffects>
-struct FaceStream : AttributeFields<NetworkOf<T, E>, E> {
+struct FaceStream : detail::AttributeFields<detail::NetworkOf<T, E>, E> {
     Columns<T> position;       ///< X_0, 3 x N
-    [[no_unique_address]] Slot<E, FaceDrivers, Columns<T>> feature; ///< F_0 before tanh, F x N
+    [[no_unique_address]] detail::Slot<E, FaceDrivers, Columns<T>>
+        feature;               ///< F_0 before tanh, F x N
     Columns<T> log_scale;      ///< 3 x N
     Columns<T> rotation;       ///< 4 x N, w x y z, any norm
     Columns<T> opacity_logit;  ///< 1 x N
     [[no_unique_address]] FaceNetworks<T, E> networks;
 
     /// What effects that were left out gave to the colour, C x N, where one was (avatar/hold.hpp).
-    [[no_unique_address]] RestSlot<E, Columns<T>> rest_color;
+    [[no_unique_address]] detail::RestSlot<E, Columns<T>> rest_color;
 
     /// Fixed neutral landmarks, 3 x L.
-    [[no_unique_address]] Slot<E, FaceDrivers, Columns<T>, 1> landmarks;
+    [[no_unique_address]] detail::Slot<E, FaceDrivers, Columns<T>, 1> landmarks;
     /// Where the networks see the Gaussians, 3 x N, if effects that were left out moved `position`
     /// away from there; else empty.
-    [[no_unique_address]] RestSlot<E, Columns<T>, 1> anchor;
+    [[no_unique_address]] detail::RestSlot<E, Columns<T>, 1> anchor;
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
@@ -42,9 +43,11 @@ struct FaceStream : AttributeFields<NetworkOf<T, E>, E> {
         f("opacity", p.opacity_logit...);
         FaceNetworks<T, E>::fields(f, p.networks...);
         if constexpr (has_effect<E, Expression>)
-            nested_fields<NetworkOf<T, E>>("exp_attributes_mlp", f, p.exp_attributes...);
+            detail::nested_fields<detail::NetworkOf<T, E>>("exp_attributes_mlp", f,
+                                                           p.exp_attributes...);
         if constexpr (has_effect<E, PoseResidual>)
-            nested_fields<NetworkOf<T, E>>("pose_attributes_mlp", f, p.pose_attributes...);
+            detail::nested_fields<detail::NetworkOf<T, E>>("pose_attributes_mlp", f,
+                                                           p.pose_attributes...);
         if constexpr (face_rests<E>) f("rest_color", p.rest_color...);
     }
     template <class F, class... P>
@@ -62,17 +65,19 @@ struct FaceStream : AttributeFields<NetworkOf<T, E>, E> {
 
 /// Intermediate results of one frame that the vjp reads.
 template <class T, EffectSet E = PaperEffects>
-struct FaceTrace : FaceFields<FieldTrace<T>, E>, AttributeFields<FieldTrace<T>, E> {
+struct FaceTrace : detail::FaceFields<FieldTrace<T>, E>, detail::AttributeFields<FieldTrace<T>, E> {
     /// Positional encoding of X_0, and tanh(F_0).
-    [[no_unique_address]] Slot<E, FaceDrivers, Columns<T>> code;
-    [[no_unique_address]] Slot<E, FaceDrivers, Columns<T>, 1> feature;
+    [[no_unique_address]] detail::Slot<E, FaceDrivers, Columns<T>> code;
+    [[no_unique_address]] detail::Slot<E, FaceDrivers, Columns<T>, 1> feature;
     [[no_unique_address]] Weights<T, E> weights;
     [[no_unique_address]] WeightsTrace<T, E> nearest;
     /// Summed attribute steps, 8 x N: log-scale, quaternion, logit opacity.
-    [[no_unique_address]] Slot<E, ReadsFaceRamp, Columns<T>, 3> attributes;
+    [[no_unique_address]] detail::Slot<E, ReadsFaceRamp, Columns<T>, 3> attributes;
     /// Scales in the head frame, 3 x N; without a head pose those of the cloud.
-    [[no_unique_address]] Slot<E, HeadPose, Columns<T>> scale;
+    [[no_unique_address]] detail::Slot<E, HeadPose, Columns<T>> scale;
 };
+
+namespace detail {
 
 /// The attributes of the face at rest, as stored.
 template <class T, EffectSet E>
@@ -97,12 +102,14 @@ struct FaceFrame {
     const FrameCode<T, E>& code;
 };
 
+} // namespace detail
+
 /// Writes the driven face, in the head frame, into the first N columns of `g`; its scales go to
 /// head_scale(trace, g).
 template <class T, EffectSet E, Backend B>
 void face_gaussians(const B& backend, const FaceStream<T, E>& face,
-                    const std::type_identity_t<FaceFrame<T, E>>& frame, FaceTrace<T, E>& trace,
-                    Gaussians<T>& g) {
+                    const std::type_identity_t<detail::FaceFrame<T, E>>& frame,
+                    FaceTrace<T, E>& trace, Gaussians<T>& g) {
     const AvatarConfig& config = frame.config;
     [[maybe_unused]] const FrameCode<T, E>& code = frame.code;
     const Index n = face.position.cols();
@@ -111,8 +118,8 @@ void face_gaussians(const B& backend, const FaceStream<T, E>& face,
     const FaceNetworks<T, E>& nets = face.networks;
     const Weights<T, E>& w = trace.weights;
     if constexpr (has_effect<E, FaceDrivers>) {
-        encode_points<EncodingOf<E>>(backend, face.seen(), config.frequencies, trace.code);
-        tanh_into(backend, face.feature, trace.feature);
+        encode_points<detail::EncodingOf<E>>(backend, face.seen(), config.frequencies, trace.code);
+        detail::tanh_into(backend, face.feature, trace.feature);
         trace.weights = face_weights<T>(backend, {config, face.seen(), face.landmarks}, frame.roles,
                                         trace.nearest);
     }
@@ -142,12 +149,15 @@ void face_gaussians(const B& backend, const FaceStream<T, E>& face,
     });
 
     if constexpr (has_effect<E, HeadPose>) trace.scale.resize(3, n);
-    const DrawnAttributes<T> drawn{head_scale<T, E>(trace, g), g.rotation, g.opacity};
+    const detail::DrawnAttributes<T> drawn{detail::head_scale<T, E>(trace, g), g.rotation,
+                                           g.opacity};
     if constexpr (has_effect<E, ReadsFaceRamp>)
-        activate_into(backend, raw_attributes(face), drawn, trace.attributes);
+        detail::activate_into(backend, detail::raw_attributes(face), drawn, trace.attributes);
     else
-        activate_into(backend, raw_attributes(face), drawn);
+        detail::activate_into(backend, detail::raw_attributes(face), drawn);
 }
+
+namespace detail {
 
 /// A driven face, as far as its vjp reads it: scales and opacities as face_gaussians wrote them.
 template <class T, EffectSet E>
@@ -166,17 +176,19 @@ struct FaceGradients {
     FrameCotangent<T, E>& frame;
 };
 
+} // namespace detail
+
 /// Accumulates the gradients of parameters and codes from head-frame cotangents, the first N
 /// columns of `g`.
 template <class T, EffectSet E, Backend B>
 void face_vjp(const B& backend, const FaceStream<T, E>& face,
-              const std::type_identity_t<DrivenFace<T, E>>& driven, const Gaussians<T>& g,
-              const std::type_identity_t<FaceGradients<T, E>>& gradients) {
+              const std::type_identity_t<detail::DrivenFace<T, E>>& driven, const Gaussians<T>& g,
+              const std::type_identity_t<detail::FaceGradients<T, E>>& gradients) {
     [[maybe_unused]] const AvatarConfig& config = driven.config;
     [[maybe_unused]] const FrameCode<T, E>& code = driven.code;
     [[maybe_unused]] const FaceTrace<T, E>& trace = driven.trace;
     FaceStream<T, E>& grad = gradients.face;
-    [[maybe_unused]] FrameCotangent<T, E>& g_frame = gradients.frame;
+    [[maybe_unused]] detail::FrameCotangent<T, E>& g_frame = gradients.frame;
     const Index n = face.position.cols();
     const Columns<T> g_attributes = activate_vjp(backend, driven.scale, driven.opacity, n, g);
     for_chunks(backend.threads, n, 512, [&](Index b, Index e, Index) {
@@ -214,14 +226,14 @@ void face_vjp(const B& backend, const FaceStream<T, E>& face,
                       {&by.attribute(grad), &g_feature, &by.influence(g_w), g_frame.of(by)});
         });
         if (&face.seen() == &face.position) {  // an anchor is fixed
-            encode_points_vjp<EncodingOf<E>>(backend, trace.code, g_code, config.frequencies,
-                                             grad.position);
+            encode_points_vjp<detail::EncodingOf<E>>(backend, trace.code, g_code,
+                                                     config.frequencies, grad.position);
             face_weights_vjp<T>(backend, {config, face.position, face.landmarks}, trace.nearest,
                                 g_w, {grad.position, nullptr});
         }
         for_chunks(backend.threads, g_feature.size(), 8192, [&](Index b, Index e, Index) {
             T* const to = grad.feature.data() + b;
-            transform_array<B>(
+            detail::transform_array<B>(
                 e - b, to,
                 [](const auto& sum, const auto& gv, const auto& v) {
                     using V = std::remove_cvref_t<decltype(v)>;

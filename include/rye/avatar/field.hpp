@@ -24,6 +24,8 @@ struct Field {
 template <class T, class A>
 Field(const Mlp<T, A>&, Squash, const T&) -> Field<T, A>;
 
+namespace detail {
+
 /// Inputs of a field.
 template <class T>
 struct FieldInput {
@@ -31,6 +33,8 @@ struct FieldInput {
     const Columns<T>& lambda; ///< their influence, 1 x N
     const VecX<T>& frame;
 };
+
+} // namespace detail
 
 /// Intermediate results of a field for its vjp.
 template <class T>
@@ -40,6 +44,8 @@ struct FieldTrace {
     Columns<T> output;       ///< squashed outputs of those points, before gain and lambda
     MlpTrace<T> mlp;
 };
+
+namespace detail {
 
 /// squash_value of every number; Eigen has vectors of tanh, whose last bits may be others.
 template <class T>
@@ -105,8 +111,6 @@ std::vector<Index> influenced(const B& backend, const Columns<T>& lambda) {
     return set;
 }
 
-namespace detail {
-
 /// Columns [begin, end) of a field's points.
 struct FieldRange {
     Index begin, end;
@@ -131,8 +135,6 @@ void squash_range(Squash squash, FieldRange r, Columns<T>& y) {
     y.middleCols(r.begin, r.end - r.begin) = piece;
 }
 
-} // namespace detail
-
 /// Those columns, in that order, on the backend's threads.
 template <class T, Backend B>
 void pick_into(const B& backend, const Columns<T>& all, const std::vector<Index>& which,
@@ -143,17 +145,21 @@ void pick_into(const B& backend, const Columns<T>& all, const std::vector<Index>
     });
 }
 
+} // namespace detail
+
 /// Squashed outputs of the network for the points of `input`.
 template <class T, class A, Backend B>
 Columns<T> evaluate_field(const B& backend, const Field<T, A>& field, const Columns<T>& input,
                           const VecX<T>& frame, std::type_identity_t<MlpTrace<T>>* trace) {
     Columns<T> output;
-    mlp_forward_around<T>(backend, field.mlp, input, frame, trace, output, detail::NothingAround{},
-                          [&](Index b, Index e) {
-                              detail::squash_range(field.squash, {b, e}, output);
-                          });
+    detail::mlp_forward_around<T>(backend, field.mlp, input, frame, trace, output,
+                                  detail::NothingAround{}, [&](Index b, Index e) {
+                                      detail::squash_range(field.squash, {b, e}, output);
+                                  });
     return output;
 }
+
+namespace detail {
 
 /// Outputs of a field: column k is that of point set[k].
 template <class T>
@@ -163,8 +169,6 @@ struct FieldOutput {
     const std::vector<Index>& set;
     const Columns<T>& output;
 };
-
-namespace detail {
 
 /// A range of accumulate_field's points.
 template <Backend B, class T>
@@ -186,7 +190,7 @@ void accumulate_range(const FieldOutput<T>& field, const std::vector<Index>* lis
 
 /// out += gain lambda output, of all columns of `output`, or of those listed.
 template <class T, Backend B>
-void accumulate_field(const B& backend, const std::type_identity_t<FieldOutput<T>>& field,
+void accumulate_field(const B& backend, const std::type_identity_t<detail::FieldOutput<T>>& field,
                       const std::vector<Index>* listed, Columns<T>& out) {
     const Index n = static_cast<Index>(listed != nullptr ? listed->size() : field.set.size());
     for_chunks(backend.threads, n, 256, [&](Index b, Index e, Index) {
@@ -197,12 +201,12 @@ void accumulate_field(const B& backend, const std::type_identity_t<FieldOutput<T
 /// Adds the field to `out` (rows x N).
 template <class T, class A, Backend B>
 void add_field(const B& backend, const Field<T, A>& field,
-               const std::type_identity_t<FieldInput<T>>& x, Columns<T>& out,
+               const std::type_identity_t<detail::FieldInput<T>>& x, Columns<T>& out,
                FieldTrace<T>& trace) {
-    trace.set = influenced(backend, x.lambda);
+    trace.set = detail::influenced(backend, x.lambda);
     trace.input.resize(x.inputs.rows(), static_cast<Index>(trace.set.size()));
-    const FieldOutput<T> added{field.gain, x.lambda, trace.set, trace.output};
-    mlp_forward_around<T>(
+    const detail::FieldOutput<T> added{field.gain, x.lambda, trace.set, trace.output};
+    detail::mlp_forward_around<T>(
         backend, field.mlp, trace.input, x.frame, &trace.mlp, trace.output,
         [&](Index b, Index e) {
             detail::pick_range(x.inputs, trace.set, {b, e}, trace.input);
@@ -212,6 +216,8 @@ void add_field(const B& backend, const Field<T, A>& field,
             detail::accumulate_range<B>(added, nullptr, {b, e}, out);
         });
 }
+
+namespace detail {
 
 /// An evaluation, as far as its vjp reads it.
 template <class T>
@@ -231,11 +237,13 @@ struct FieldGradients {
     const Columns<T>* output = nullptr; ///< an extra cotangent of the squashed outputs (set order)
 };
 
+} // namespace detail
+
 /// Pulls g_out (rows x N) back through add_field.
 template <class T, class A, Backend B>
 void field_vjp(const B& backend, const Field<T, A>& field,
-               const std::type_identity_t<FieldPass<T>>& pass, const Columns<T>& g_out,
-               const std::type_identity_t<FieldGradients<T, A>>& g) {
+               const std::type_identity_t<detail::FieldPass<T>>& pass, const Columns<T>& g_out,
+               const std::type_identity_t<detail::FieldGradients<T, A>>& g) {
     const T gain = field.gain;
     const Squash squash = field.squash;
     const Columns<T>& lambda = pass.lambda;
@@ -261,7 +269,7 @@ void field_vjp(const B& backend, const Field<T, A>& field,
         }
         if (squash == Squash::none) return;
         Columns<T> block = g_y.middleCols(b, e - b);
-        squash_vjp<T>(squash, trace.output.middleCols(b, e - b), block);
+        detail::squash_vjp<T>(squash, trace.output.middleCols(b, e - b), block);
         g_y.middleCols(b, e - b) = block;
     };
     const auto scattered = [&](Index b, Index e) {
@@ -269,13 +277,13 @@ void field_vjp(const B& backend, const Field<T, A>& field,
         const Index inputs = g_input.rows();
         for (Index k = b; k < e; ++k) {
             T* const to = g.inputs->data() + trace.set[static_cast<std::size_t>(k)] * inputs;
-            transform_array<B>(
+            detail::transform_array<B>(
                 inputs, to, [](const auto& x, const auto& y) { return x + y; }, to,
                 g_input.data() + k * inputs);
         }
     };
     VecX<T> g_frame;
-    mlp_vjp_around<T>(
+    detail::mlp_vjp_around<T>(
         backend, field.mlp, {trace.input, pass.frame, trace.mlp}, g_y,
         {*g.mlp, g.inputs != nullptr ? &g_input : nullptr, g.frame != nullptr ? &g_frame : nullptr},
         weighted, scattered);

@@ -9,7 +9,7 @@
 #include <rye/avatar/eye_optics.hpp>
 #include <rye/avatar/face_fields.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// True if the eyes' appearance reads the head pose.
 template <EffectSet E>
@@ -54,4 +54,4 @@ const VecX<T>* gaze_code_cotangent(const FrameCotangent<T, E>& g) {
         return nullptr;
 }
 
-} // namespace rye
+} // namespace rye::detail

@@ -32,7 +32,8 @@ std::array<Vec3<T>, 2> driven_eye_centres(const B& backend, const EyeStream<T, E
 template <class T, EffectSet E>
 std::array<KappaAngles<T>, 2> kappas_of(const EyeStream<T, E>& eyes) {
     if constexpr (has_effect<E, Kappa>)
-        if (eyes.kappa.size() > 0) return {kappa_of(eyes.kappa, 0), kappa_of(eyes.kappa, 1)};
+        if (eyes.kappa.size() > 0)
+            return {detail::kappa_of(eyes.kappa, 0), detail::kappa_of(eyes.kappa, 1)};
     return {};
 }
 

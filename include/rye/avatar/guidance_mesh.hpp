@@ -18,28 +18,30 @@ namespace rye {
 /// and deformations.
 template <class T, EffectSet E = PaperEffects>
 struct GuidanceMesh {
-    NetworkOf<T, E> geometry; ///< PE(x) -> tanh -> signed distance, vertex offset (3), feature
+    detail::NetworkOf<T, E>
+        geometry; ///< PE(x) -> tanh -> signed distance, vertex offset (3), feature
     [[no_unique_address]] FaceNetworks<T, E> networks;
-    [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetNetwork<T, NetworksOf<E>>> eye_offset;
+    [[no_unique_address]] detail::Slot<E, EyeOffset, EyeOffsetNetwork<T, detail::NetworksOf<E>>>
+        eye_offset;
     Columns<T> landmarks;    ///< neutral landmarks, trainable, 3 x L
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
-        nested_fields<NetworkOf<T, E>>("geo_mlp", f, p.geometry...);
+        detail::nested_fields<detail::NetworkOf<T, E>>("geo_mlp", f, p.geometry...);
         FaceNetworks<T, E>::fields(f, p.networks...);
         if constexpr (has_effect<E, EyeOffset>)
-            EyeOffsetNetwork<T, NetworksOf<E>>::fields(f, p.eye_offset...);
+            EyeOffsetNetwork<T, detail::NetworksOf<E>>::fields(f, p.eye_offset...);
         f("landmarks_3d_neutral", p.landmarks...);
     }
     static GuidanceMesh init(const AvatarConfig& c, const Columns<T>& landmarks,
                              const Random& random) {
-        const MlpShape shape = network_shape<NetworksOf<E>>(
-            mlp_shape(c.position_code<NetworksOf<E>>(), 0, c.networks.geometry, 4 + c.feature));
+        const MlpShape shape = detail::network_shape<detail::NetworksOf<E>>(mlp_shape(
+            c.position_code<detail::NetworksOf<E>>(), 0, c.networks.geometry, 4 + c.feature));
         GuidanceMesh m;
-        m.geometry = NetworkOf<T, E>::init(shape, random.fork(11));
+        m.geometry = detail::NetworkOf<T, E>::init(shape, random.fork(11));
         m.networks = FaceNetworks<T, E>::init(c, random.fork(12));
         if constexpr (has_effect<E, EyeOffset>)
-            m.eye_offset = EyeOffsetNetwork<T, NetworksOf<E>>::init(c, random.fork(13));
+            m.eye_offset = EyeOffsetNetwork<T, detail::NetworksOf<E>>::init(c, random.fork(13));
         m.landmarks = landmarks;
         return m;
     }
@@ -58,9 +60,9 @@ struct GeometryTrace {
 template <class T, EffectSet E, Backend B>
 void geometry_at(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                  const Columns<T>& points, GeometryTrace<T>& trace) {
-    encode_points<EncodingOf<E>>(backend, points, config.frequencies, trace.code);
+    encode_points<detail::EncodingOf<E>>(backend, points, config.frequencies, trace.code);
     trace.output = mlp_forward<T>(backend, mesh.geometry, trace.code, VecX<T>(), &trace.mlp);
-    squash_in_place(backend, Squash::tanh, trace.output);
+    detail::squash_in_place(backend, Squash::tanh, trace.output);
 }
 
 /// The geometry at some points, and the cotangents of its outputs.
@@ -77,13 +79,13 @@ void geometry_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Avatar
                   std::type_identity_t<Columns<T>>* g_points = nullptr) {
     const GeometryTrace<T>& trace = g.trace;
     Columns<T> g_output = g.output;
-    squash_vjp(backend, Squash::tanh, trace.output, g_output);
+    detail::squash_vjp(backend, Squash::tanh, trace.output, g_output);
     Columns<T> g_code;
     mlp_vjp<T>(backend, mesh.geometry, {trace.code, VecX<T>(), trace.mlp}, g_output,
                {.params = grad.geometry, .points = g_points != nullptr ? &g_code : nullptr});
     if (g_points != nullptr)
-        encode_points_vjp<EncodingOf<E>>(backend, trace.code, g_code, config.frequencies,
-                                         *g_points);
+        encode_points_vjp<detail::EncodingOf<E>>(backend, trace.code, g_code, config.frequencies,
+                                                 *g_points);
 }
 
 /// The neutral surface. Gradients exist only at the lattice vertices that it touches, so only those
@@ -100,10 +102,10 @@ struct NeutralSurface {
     bool empty() const { return surface.topology.faces.empty(); }
 };
 
+namespace detail {
+
 /// Lattice vertices whose code is held at once, to bound the memory of a fine lattice.
 inline constexpr Index signed_distance_block = 32768;
-
-namespace detail {
 
 /// signed_distances by codes in blocks and mlp_forward.
 template <class T, EffectSet E, Backend B>
@@ -120,8 +122,6 @@ Columns<T> signed_distances_by_blocks(const B& backend, const GuidanceMesh<T, E>
     return sdf;
 }
 
-} // namespace detail
-
 /// Signed distances before tanh at points of the head frame (3 x N), without a trace, 1 x N. A
 /// backend whose networks run elsewhere has an overload (avatar/cuda/offload.hpp).
 template <class T, EffectSet E, Backend B>
@@ -130,17 +130,19 @@ Columns<T> signed_distances(const B& backend, const GuidanceMesh<T, E>& mesh,
     return detail::signed_distances_by_blocks(backend, mesh, config, points);
 }
 
+} // namespace detail
+
 /// The surface of signed distance 0 in the lattice, in the head frame, with each vertex's features.
 template <class T, EffectSet E, Backend B>
 NeutralSurface<T> neutral_surface(const B& backend, const GuidanceMesh<T, E>& mesh,
                                   const AvatarConfig& config, const TetGrid<T>& grid) {
     using std::tanh;
     NeutralSurface<T> n;
-    const Columns<T> sdf = signed_distances(backend, mesh, config, grid.vertices);
+    const Columns<T> sdf = detail::signed_distances(backend, mesh, config, grid.vertices);
     const SurfaceTopology topology =
         surface_topology<T>(backend, grid.topology, sdf); // sign of tanh(s) = s
     if (topology.faces.empty()) return n;
-    const std::vector<Index> touched = touched_vertices(topology);
+    const std::vector<Index> touched = detail::touched_vertices(topology);
     const Columns<T> rest = pick_columns(grid.vertices, touched);
     geometry_at(backend, mesh, config, rest, n.geometry);
     n.sdf = n.geometry.output.topRows(1);
@@ -149,14 +151,16 @@ NeutralSurface<T> neutral_surface(const B& backend, const GuidanceMesh<T, E>& me
         return T(reach * tanh(o));  // a second tanh, as GHA's code has it
     });
     n.lattice_feature = n.geometry.output.bottomRows(config.feature);
-    n.surface.topology = over_touched(topology, touched);
-    n.surface.fraction = crossing_fractions<T>(n.surface.topology, n.sdf);
+    n.surface.topology = detail::over_touched(topology, touched);
+    n.surface.fraction = detail::crossing_fractions<T>(n.surface.topology, n.sdf);
     n.surface.positions =
         interpolate<T>(backend, n.surface.topology, n.surface.fraction, n.lattice);
     n.feature =
         interpolate<T>(backend, n.surface.topology, n.surface.fraction, n.lattice_feature);
     return n;
 }
+
+namespace detail {
 
 /// A neutral surface, and the cotangents of its vertices.
 template <class T>
@@ -166,11 +170,13 @@ struct NeutralCotangent {
     const Columns<T>& feature;   ///< F x M
 };
 
+} // namespace detail
+
 /// Adds the gradient of the geometry network, given those of the neutral surface's vertices.
 template <class T, EffectSet E, Backend B>
 void neutral_surface_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
                          const AvatarConfig& config,
-                         const std::type_identity_t<NeutralCotangent<T>>& cotangent,
+                         const std::type_identity_t<detail::NeutralCotangent<T>>& cotangent,
                          GuidanceMesh<T, E>& grad) {
     using std::tanh;
     const NeutralSurface<T>& n = cotangent.neutral;
@@ -191,9 +197,9 @@ void neutral_surface_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
 
 /// One frame of the guidance mesh.
 template <class T, EffectSet E = PaperEffects>
-struct PosedMesh : FaceFields<FieldTrace<T>, E> {
+struct PosedMesh : detail::FaceFields<FieldTrace<T>, E> {
     [[no_unique_address]] FrameCode<T, E> code;
-    [[no_unique_address]] HeadSlot<T, E> head;
+    [[no_unique_address]] detail::HeadSlot<T, E> head;
     [[no_unique_address]] Weights<T, E> weights;
     [[no_unique_address]] WeightsTrace<T, E> nearest;
     Columns<T> rest_code, moved;        ///< PE(x), and x after expression and gaze
@@ -203,6 +209,8 @@ struct PosedMesh : FaceFields<FieldTrace<T>, E> {
     Columns<T> world;                   ///< 3 x M
 };
 
+namespace detail {
+
 /// Colours by expression and head pose are in [0, 1]; the gaze's are added to them.
 constexpr Squash mesh_colour_squash(ExpressionField) { return Squash::sigmoid; }
 /// The same of the head pose.
@@ -210,6 +218,8 @@ constexpr Squash mesh_colour_squash(PoseField) { return Squash::sigmoid; }
 /// The same of an eye's gaze.
 template <std::size_t eye>
 constexpr Squash mesh_colour_squash(GazeField<eye>) { return Squash::none; }
+
+} // namespace detail
 
 /// Colours, then deforms one after the other (expression and gaze, then head pose), then poses.
 template <class T, EffectSet E, Backend B>
@@ -226,10 +236,10 @@ void pose_mesh(const B& backend, const GuidanceMesh<T, E>& mesh,
     const Weights<T, E>& w = p.weights;
     p.color = Columns<T>::Zero(config.channels, x.cols());
     for_face_fields<E>([&](auto by) {
-        add_field(backend, Field{by.color(nets), mesh_colour_squash(by), one},
+        add_field(backend, Field{by.color(nets), detail::mesh_colour_squash(by), one},
                   {neutral.feature, by.influence(w), by.code(p.code)}, p.color, by.color(p));
     });
-    encode_points<EncodingOf<E>>(backend, x, config.frequencies, p.rest_code);
+    encode_points<detail::EncodingOf<E>>(backend, x, config.frequencies, p.rest_code);
     p.moved = x;
     for_face_fields<Less<E, PoseResidual>>([&](auto by) {
         add_field(backend, Field{by.deform(nets), Squash::tanh, reach},
@@ -237,7 +247,7 @@ void pose_mesh(const B& backend, const GuidanceMesh<T, E>& mesh,
     });
     p.canonical = p.moved;
     if constexpr (has_effect<E, PoseResidual>) {
-        encode_points<EncodingOf<E>>(backend, p.moved, config.frequencies, p.moved_code);
+        encode_points<detail::EncodingOf<E>>(backend, p.moved, config.frequencies, p.moved_code);
         add_field(backend, Field{nets.pose_deform, Squash::tanh, reach},
                   {p.moved_code, w.pose, p.code.pose}, p.canonical, p.pose_deform);
     }
@@ -249,6 +259,8 @@ void pose_mesh(const B& backend, const GuidanceMesh<T, E>& mesh,
         p.world = p.canonical;
     }
 }
+
+namespace detail {
 
 /// Extra cotangents of the offset loss: those of the raw outputs of the deformation networks.
 template <class T, EffectSet E = PaperEffects>
@@ -277,15 +289,17 @@ struct PosedGradients {
     Columns<T>& feature;
 };
 
+} // namespace detail
+
 /// Adds the gradients of the networks, the neutral positions and the features of a posed mesh.
 template <class T, EffectSet E, Backend B>
 void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
-                   const std::type_identity_t<PosedCotangent<T, E>>& cotangent,
-                   const std::type_identity_t<PosedGradients<T, E>>& gradients) {
+                   const std::type_identity_t<detail::PosedCotangent<T, E>>& cotangent,
+                   const std::type_identity_t<detail::PosedGradients<T, E>>& gradients) {
     const NeutralSurface<T>& neutral = cotangent.neutral;
     const PosedMesh<T, E>& p = cotangent.posed;
     const Columns<T>&g_world = cotangent.world, &g_color = cotangent.color;
-    [[maybe_unused]] const DeformCotangents<T, E>& g_raw = cotangent.raw;
+    [[maybe_unused]] const detail::DeformCotangents<T, E>& g_raw = cotangent.raw;
     GuidanceMesh<T, E>& grad = gradients.mesh;
     Columns<T>&g_positions = gradients.positions, &g_feature = gradients.feature;
     const FaceNetworks<T, E>& nets = mesh.networks;
@@ -305,8 +319,8 @@ void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Avata
         field_vjp(backend, Field{nets.pose_deform, Squash::tanh, reach},
                   {w.pose, p.code.pose, p.pose_deform}, g_canonical,
                   {&gnets.pose_deform, &g_code, &g_w.pose, nullptr, &g_raw.pose});
-        encode_points_vjp<EncodingOf<E>>(backend, p.moved_code, g_code, config.frequencies,
-                                         g_moved);
+        encode_points_vjp<detail::EncodingOf<E>>(backend, p.moved_code, g_code, config.frequencies,
+                                                 g_moved);
         g_code.setZero();
     }
     // In the order that the gradients' sums have always had: each eye's two networks together.
@@ -316,20 +330,21 @@ void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Avata
                   {&by.deform(gnets), &g_code, &by.influence(g_w), nullptr, &g_deform});
     };
     const auto color_vjp = [&](auto by) {
-        field_vjp(backend, Field{by.color(nets), mesh_colour_squash(by), one},
+        field_vjp(backend, Field{by.color(nets), detail::mesh_colour_squash(by), one},
                   {by.influence(w), by.code(p.code), by.color(p)}, g_color,
                   {&by.color(gnets), &g_feature, &by.influence(g_w)});
     };
     if constexpr (has_effect<E, Expression>) deform_vjp(ExpressionField{}, g_raw.exp);
     for_eyes([&]<std::size_t eye>() {
-        if constexpr (skin_follows<E, eye>) {
+        if constexpr (detail::skin_follows<E, eye>) {
             deform_vjp(GazeField<eye>{}, of_eye<eye>(g_raw.gaze));
             color_vjp(GazeField<eye>{});
         }
     });
     if constexpr (has_effect<E, Expression>) color_vjp(ExpressionField{});
     if constexpr (has_effect<E, PoseResidual>) color_vjp(PoseField{});
-    encode_points_vjp<EncodingOf<E>>(backend, p.rest_code, g_code, config.frequencies, g_moved);
+    encode_points_vjp<detail::EncodingOf<E>>(backend, p.rest_code, g_code, config.frequencies,
+                                             g_moved);
     g_positions += g_moved;
     face_weights_vjp<T>(backend, {config, x, mesh.landmarks}, p.nearest, g_w,
                         {g_positions, &grad.landmarks});

@@ -29,9 +29,13 @@ RYE_HD HeadTransform<T> head_transform(const Vec<T, 6>& pose, const T& scale) {
     return {rotation, matrix_quat(rotation), Vec3<T>(pose[3], pose[4], pose[5]), scale};
 }
 
+namespace detail {
+
 /// The head's transform of an avatar that has one.
 template <class T, EffectSet E = PaperEffects>
 using HeadSlot = Slot<E, HeadPose, HeadTransform<T>>;
+
+} // namespace detail
 
 /// The transform of the drivers' head pose and scale.
 template <class T, EffectSet E>
@@ -48,6 +52,8 @@ struct SeenBy {
     Vec3<T> pivot = Vec3<T>::Zero();
 };
 
+namespace detail {
+
 /// The head as a picture shows it: turned about the pivot, then moved, by `view`, which is the
 /// head_transform of a column of TwoStream::delta_view.
 template <class T>
@@ -56,6 +62,8 @@ RYE_HD HeadTransform<T> seen_head(const HeadTransform<T>& view, const Vec3<T>& p
     return {view.rotation * head.rotation, quat_product<T>(view.quaternion, head.quaternion),
             view.rotation * (head.translation - pivot) + pivot + view.translation, head.scale};
 }
+
+} // namespace detail
 
 /// One Gaussian's mean in the world; `scaled`: the head's scale times its rotation.
 template <class T>
@@ -81,12 +89,16 @@ void to_world(const B& backend, const HeadTransform<T>& head, const Columns<T>& 
     });
 }
 
+namespace detail {
+
 /// Parts of a Gaussian that the head's motion moves.
 template <class T>
 struct MovedPoint {
     Vec3<T> mean;
     Vec4<T> rotation;
 };
+
+} // namespace detail
 
 /// Cotangents of a HeadTransform's parts.
 template <class T>
@@ -102,7 +114,8 @@ struct HeadTransformGradient {
         return *this;
     }
     /// Adds one Gaussian's, whose cotangents it takes from the world into the head's frame.
-    RYE_HD void add(const HeadTransform<T>& head, const MovedPoint<T>& world, MovedPoint<T>& g) {
+    RYE_HD void add(const HeadTransform<T>& head, const detail::MovedPoint<T>& world,
+                    detail::MovedPoint<T>& g) {
         const Vec3<T> gx = g.mean;
         const Vec3<T> centred = world.mean - head.translation;
         const Vec3<T> scaled = head.rotation.transpose() * centred; // S x
@@ -114,6 +127,8 @@ struct HeadTransformGradient {
         g.mean = head.scale * (head.rotation.transpose() * gx);
     }
 };
+
+namespace detail {
 
 /// Cotangents of the two transforms that seen_head joins.
 template <class T>
@@ -156,17 +171,19 @@ RYE_HD void take_head_sums(const T* sum, HeadTransformGradient<T>& g) {
     for (int k = 0; k < 3; ++k) g.translation[k] += sum[13 + k];
 }
 
+} // namespace detail
+
 /// Turns the range's world cotangents in `g` into head-frame ones, in place. Returns the cotangent
 /// of the transform.
 template <class T, Backend B>
 HeadTransformGradient<T> to_world_vjp(const B& backend, const HeadTransform<T>& head,
-                                      const Gaussians<T>& world, ColumnRange range,
+                                      const Gaussians<T>& world, detail::ColumnRange range,
                                       Gaussians<T>& g) {
     return sum_chunks(backend.threads, range.count, 512, HeadTransformGradient<T>{},
                       [&](Index b, Index e) {
                           HeadTransformGradient<T> sum;
                           for (Index i = range.begin + b; i < range.begin + e; ++i) {
-                              MovedPoint<T> own{g.mean.col(i), g.rotation.col(i)};
+                              detail::MovedPoint<T> own{g.mean.col(i), g.rotation.col(i)};
                               sum.add(head, {world.mean.col(i), world.rotation.col(i)}, own);
                               g.mean.col(i) = own.mean;
                               g.rotation.col(i) = own.rotation;

@@ -182,8 +182,6 @@ void gain_range(const Shading<T>& shading, const LightChange<T>& change, Index b
     gain.middleCols(begin, end - begin) = log_gain.array().exp().matrix();
 }
 
-} // namespace detail
-
 /// Sets the gains of a head at this rotation (axis-angle [rad]), 3 x (N + 2): of the face's
 /// Gaussians, then of each eyeball. The shading must have parameters.
 template <class T, Backend B>
@@ -195,6 +193,8 @@ void shading_gain(const B& backend, const Shading<T>& shading, const Vec3<T>& ro
         detail::gain_range(shading, change, b, e, gain);
     });
 }
+
+} // namespace detail
 
 /// Multiplies the first three channels of a Gaussian's features by column `of` of the gains.
 template <class T>
@@ -217,11 +217,13 @@ void shade(const B& backend, const Shading<T>& shading,
         for (Index i = b; i < std::min(e, n); ++i) shade_point(trace.gain, i, feature, i);
     });
     for (Index eye = 0; eye < 2; ++eye) {
-        const ColumnRange of = detail::shaded_eye(frame, eye, feature.cols());
+        const detail::ColumnRange of = detail::shaded_eye(frame, eye, feature.cols());
         for (Index i = of.begin; i < of.begin + of.count; ++i)
             shade_point(trace.gain, n + eye, feature, i);
     }
 }
+
+namespace detail {
 
 /// A shaded frame, as far as its vjp reads it: features as shade left them.
 template <class T>
@@ -231,11 +233,13 @@ struct ShadedPass {
     const ShadingTrace<T>& trace;
 };
 
+} // namespace detail
+
 /// Turns the cotangent of shaded features into that of the features before, and adds the
 /// parameters' gradient. Returns the cotangent of the head's axis-angle.
 template <class T, Backend B>
 Vec3<T> shade_vjp(const B& backend, const Shading<T>& shading,
-                  const std::type_identity_t<ShadedPass<T>>& pass, Columns<T>& g_feature,
+                  const std::type_identity_t<detail::ShadedPass<T>>& pass, Columns<T>& g_feature,
                   Shading<T>& grad) {
     Vec3<T> g_rotation(T(0), T(0), T(0));
     if (!shading.any()) return g_rotation;
@@ -270,7 +274,7 @@ Vec3<T> shade_vjp(const B& backend, const Shading<T>& shading,
         });
     for (Index eye = 0; eye < 2; ++eye) {
         Vec3<T> g_log(T(0), T(0), T(0));
-        const ColumnRange of = detail::shaded_eye(frame, eye, feature.cols());
+        const detail::ColumnRange of = detail::shaded_eye(frame, eye, feature.cols());
         for (Index i = of.begin; i < of.begin + of.count; ++i) {
             const Vec3<T> g = g_feature.col(i).template head<3>();
             g_log += g.cwiseProduct(feature.col(i).template head<3>());

@@ -18,10 +18,10 @@ namespace rye {
 template <EffectSet Fewer, class T, EffectSet E>
 Drivers<T, Fewer> restricted(const Drivers<T, E>& all) {
     Drivers<T, Fewer> d;
-    copy_slot(all.expression, d.expression);
-    copy_slot(all.pose, d.pose);
-    copy_slot(all.scale, d.scale);
-    copy_slot(all.camera, d.camera);
+    detail::copy_slot(all.expression, d.expression);
+    detail::copy_slot(all.pose, d.pose);
+    detail::copy_slot(all.scale, d.scale);
+    detail::copy_slot(all.camera, d.camera);
     for_eyes([&]<std::size_t eye>() {
         if constexpr (eye_turns<E, eye> && eye_turns<Fewer, eye>)
             of_eye<eye>(d.gaze) = of_eye<eye>(all.gaze);
@@ -99,9 +99,9 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
     to.log_scale = from.log_scale;
     to.rotation = from.rotation;
     to.opacity_logit = from.opacity_logit;
-    copy_slot(from.feature, to.feature);
-    copy_slot(from.landmarks, to.landmarks);
-    copy_slot(from.anchor, to.anchor);
+    detail::copy_slot(from.feature, to.feature);
+    detail::copy_slot(from.landmarks, to.landmarks);
+    detail::copy_slot(from.anchor, to.anchor);
     for_face_fields<Fewer>([&](auto by) {
         by.color(to.networks) = by.color(from.networks);
         by.deform(to.networks) = by.deform(from.networks);
@@ -127,18 +127,18 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
     a.eyes.centre = eyes.centre;
     a.eyes.spacing = eyes.spacing;
     a.eyes.left_points = eyes.left_points;
-    copy_slot(eyes.offset, a.eyes.offset);
-    copy_slot(eyes.kappa, a.eyes.kappa);
-    copy_slot(eyes.optics.cornea, a.eyes.optics.cornea);
-    copy_slot(eyes.optics.index, a.eyes.optics.index);
-    copy_slot(eyes.optics.light_position, a.eyes.optics.light_position);
-    copy_slot(eyes.optics.light_intensity, a.eyes.optics.light_intensity);
-    copy_slot(eyes.optics.light_width, a.eyes.optics.light_width);
+    detail::copy_slot(eyes.offset, a.eyes.offset);
+    detail::copy_slot(eyes.kappa, a.eyes.kappa);
+    detail::copy_slot(eyes.optics.cornea, a.eyes.optics.cornea);
+    detail::copy_slot(eyes.optics.index, a.eyes.optics.index);
+    detail::copy_slot(eyes.optics.light_position, a.eyes.optics.light_position);
+    detail::copy_slot(eyes.optics.light_intensity, a.eyes.optics.light_intensity);
+    detail::copy_slot(eyes.optics.light_width, a.eyes.optics.light_width);
     a.upsampler = all.upsampler;
-    copy_slot(all.delta_pose, a.delta_pose);
-    copy_slot(all.delta_gaze, a.delta_gaze);
-    copy_slot(all.delta_view, a.delta_view);
-    copy_slot(all.shading, a.shading);
+    detail::copy_slot(all.delta_pose, a.delta_pose);
+    detail::copy_slot(all.delta_gaze, a.delta_gaze);
+    detail::copy_slot(all.delta_view, a.delta_view);
+    detail::copy_slot(all.shading, a.shading);
     return a;
 }
 
@@ -212,8 +212,8 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
     const OpticalDrivers<T, E> optical = optical_drivers(all.eyes, drivers);
     for_eyes([&]<std::size_t eye>() {
         if constexpr (eye_turns<E, eye> && !eye_turns<Fewer, eye>) {
-            EyeTransform<T> turn = eye_at<T>(Vec3<T>::Zero());
-            turn_eye_by(all.eyes, eye, of_eye<eye>(optical.drivers.gaze), turn);
+            EyeTransform<T> turn = detail::eye_at<T>(Vec3<T>::Zero());
+            detail::turn_eye_by(all.eyes, eye, of_eye<eye>(optical.drivers.gaze), turn);
             const Index first = a.eyes.first_point(static_cast<Index>(eye));
             const Index n = a.eyes.points_of(static_cast<Index>(eye));
             const Columns<T> points = a.eyes.position.middleCols(first, n);
@@ -221,7 +221,7 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
             a.eyes.position.middleCols(first, n) = eye_points<T>(turn, points);
             a.eyes.rotation.middleCols(first, n) = eye_rotations<T>(turn, rotations);
             if constexpr (has_effect<Fewer, SeesCornea>)
-                turn_cornea(a.eyes.optics, eye, turn.rotation);
+                detail::turn_cornea(a.eyes.optics, eye, turn.rotation);
         }
     });
     if constexpr (has_effect<E, EyeOffset> && !has_effect<Fewer, EyeOffset>)

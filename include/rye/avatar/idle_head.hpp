@@ -14,9 +14,13 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Turn of the upper lid from open to closed [rad], of which weights of `wide` are made: about 40
 /// degrees.
 inline constexpr double idle_lid_turn = 0.7;
+
+} // namespace detail
 
 /// Returns the letters and digits of a name, in lower case: how names are compared that programs
 /// spell differently.
@@ -72,7 +76,7 @@ void add_idle(const IdleMoment& m, const LidCoefficients<T>& lids, double range,
         gaze =
             (angle_from_ahead(turned) > most ? at_range(turned, most) : turned).template cast<T>();
     }
-    const double behind = m.lid_behind / idle_lid_turn; // above 0: the lid is still higher
+    const double behind = m.lid_behind / detail::idle_lid_turn; // above 0: the lid is still higher
     const auto move = [&](const std::vector<LidCoefficient<T>>& list, double share) {
         const auto s = static_cast<T>(std::clamp(share, 0.0, 1.0));
         for (const LidCoefficient<T>& c : list) {

@@ -59,9 +59,12 @@ struct OwnParameters<T, Effects<X...>>
     }
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
-        each([&]<class Y>(Y, auto&&... q) {
-            nested_fields<typename Y::template Parameters<T>>(std::string(Y::name), f, q...);
-        }, p...);
+        each(
+            [&]<class Y>(Y, auto&&... q) {
+                detail::nested_fields<typename Y::template Parameters<T>>(std::string(Y::name), f,
+                                                                          q...);
+            },
+            p...);
     }
 
   private:
@@ -78,12 +81,18 @@ inline constexpr bool has_own_effects = false;
 template <class... X>
 inline constexpr bool has_own_effects<Effects<X...>> = (OwnEffect<X> || ...);
 
+namespace detail {
+
 struct OwnEffectsLeftOut {};
+
+} // namespace detail
 
 /// The face before each own effect, which their vjps read; nothing where there is none.
 template <class T, EffectSet E>
-using OwnTrace =
-    std::conditional_t<has_own_effects<E>, std::vector<Gaussians<T>>, Without<OwnEffectsLeftOut>>;
+using OwnTrace = std::conditional_t<has_own_effects<E>, std::vector<Gaussians<T>>,
+                                    Without<detail::OwnEffectsLeftOut>>;
+
+namespace detail {
 
 /// Changes the face in the head frame.
 template <class T, EffectSet E, Backend B>
@@ -124,5 +133,7 @@ void own_effects_vjp(const B& backend, const OwnParameters<T, E>& own,
             own, grad);
     }
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -127,6 +127,8 @@ void check_drivers(const std::string& who, const AvatarConfig& config, const Dri
     }
 }
 
+namespace detail {
+
 /// Throws Error("who: ...") with the first fault: shapes that do not belong together, indices of
 /// landmarks that do not exist, numbers that are not finite, bad drivers, ranges or camera.
 template <Real T>
@@ -203,5 +205,7 @@ void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
     shape("background", p.background, c.channels, 1);
     finite("background", p.background);
 }
+
+} // namespace detail
 
 } // namespace rye

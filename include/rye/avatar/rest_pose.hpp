@@ -50,17 +50,19 @@ RestPose<T, E> rest_pose(const B& backend, const FaceStream<T, E>& face,
             face_weights<T>(backend, {config, face.seen(), face.landmarks}, roles, nearest);
         // Of all points, as in face_gaussians: a number's bits may depend on its place in a vector.
         Columns<T> code, feature;
-        encode_points<EncodingOf<E>>(backend, face.seen(), config.frequencies, code);
-        tanh_into(backend, face.feature, feature);
+        encode_points<detail::EncodingOf<E>>(backend, face.seen(), config.frequencies, code);
+        detail::tanh_into(backend, face.feature, feature);
         for_face_fields<E>([&](auto by) {
             auto& moved = rest.moved[by.driver];
-            moved.points = influenced(backend, by.influence(rest.weights));
-            pick_into(backend, code, moved.points, moved.code);
-            pick_into(backend, feature, moved.points, moved.feature);
+            moved.points = detail::influenced(backend, by.influence(rest.weights));
+            detail::pick_into(backend, code, moved.points, moved.code);
+            detail::pick_into(backend, feature, moved.points, moved.feature);
         });
     }
     return rest;
 }
+
+namespace detail {
 
 /// Of each driver's points (as their numbers among these) those that lie in the union of some
 /// drivers' points, and that union: what is added up again when these drivers change.
@@ -69,14 +71,16 @@ struct Reached {
     std::array<std::vector<Index>, face_drivers> listed;
 };
 
+} // namespace detail
+
 /// The points that the changed drivers move.
 template <class T, EffectSet E>
-Reached reached(const RestPose<T, E>& rest, const std::array<bool, face_drivers>& changed) {
+detail::Reached reached(const RestPose<T, E>& rest, const std::array<bool, face_drivers>& changed) {
     std::vector<bool> in(static_cast<std::size_t>(rest.count), false);
     for (std::size_t d = 0; d < face_drivers; ++d)
         if (changed[d])
             for (const Index i : rest.moved[d].points) in[static_cast<std::size_t>(i)] = true;
-    Reached r;
+    detail::Reached r;
     for (std::size_t i = 0; i < in.size(); ++i)
         if (in[i]) r.points.push_back(static_cast<Index>(i));
     for (std::size_t d = 0; d < face_drivers; ++d) {

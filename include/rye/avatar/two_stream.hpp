@@ -17,31 +17,31 @@ template <class T, EffectSet E = PaperEffects>
 struct TwoStream : OwnParameters<T, E> {
     FaceStream<T, E> face;
     EyeStream<T, E> eyes;
-    UpsamplerOf<T, E> upsampler;
+    detail::UpsamplerOf<T, E> upsampler;
     /// 6 x training frames, added to the tracked pose.
-    [[no_unique_address]] Slot<E, ReadsHeadPose, Columns<T>> delta_pose;
+    [[no_unique_address]] detail::Slot<E, ReadsHeadPose, Columns<T>> delta_pose;
     /// 4 x training frames, or empty: added to the angles of the tracked gazes, (pitch, yaw) of the
     /// left eye, then of the right [rad]. Needs eyes.kappa, which may be 0.
-    [[no_unique_address]] Slot<E, Kappa, Columns<T>> delta_gaze;
+    [[no_unique_address]] detail::Slot<E, Kappa, Columns<T>> delta_gaze;
     /// 6 x cameras, or empty: how the head is moved in the pictures of each camera, by an
     /// axis-angle about a common point and a translation, in the world. A camera whose pose is
     /// wrong by the inverse motion shows the same.
-    [[no_unique_address]] Slot<E, HeadPose, Columns<T>> delta_view;
-    [[no_unique_address]] Slot<E, HeadShading, Shading<T>> shading;
+    [[no_unique_address]] detail::Slot<E, HeadPose, Columns<T>> delta_view;
+    [[no_unique_address]] detail::Slot<E, HeadShading, Shading<T>> shading;
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
         if constexpr (has_own_effects<E>) OwnParameters<T, E>::fields(f, p...);
-        nested_fields<FaceStream<T, E>>("face", f, p.face...);
-        nested_fields<EyeStream<T, E>>("eyes", f, p.eyes...);
-        nested_fields<UpsamplerOf<T, E>>("upsampler", f, p.upsampler...);
+        detail::nested_fields<FaceStream<T, E>>("face", f, p.face...);
+        detail::nested_fields<EyeStream<T, E>>("eyes", f, p.eyes...);
+        detail::nested_fields<detail::UpsamplerOf<T, E>>("upsampler", f, p.upsampler...);
         if constexpr (has_effect<E, ReadsHeadPose>) f("delta_poses", p.delta_pose...);
         if constexpr (has_effect<E, Kappa>)
             if (((p.delta_gaze.size() > 0) || ...)) f("delta_gazes", p.delta_gaze...);
         if constexpr (has_effect<E, HeadPose>)
             if (((p.delta_view.size() > 0) || ...)) f("delta_views", p.delta_view...);
         if constexpr (has_effect<E, HeadShading>)
-            nested_fields<Shading<T>>("shading", f, p.shading...);
+            detail::nested_fields<Shading<T>>("shading", f, p.shading...);
     }
     template <class F, class... P>
     static void buffers(F&& f, P&&... p) {
@@ -51,6 +51,8 @@ struct TwoStream : OwnParameters<T, E> {
                                  p.eyes...);
     }
 };
+
+namespace detail {
 
 /// Throws an Error unless delta_gaze is empty, or has a column for each of delta_pose's beside a
 /// kappa; and unless delta_view is empty or has 6 rows.
@@ -71,14 +73,16 @@ void check_corrections([[maybe_unused]] const TwoStream<T, E>& avatar,
     }
 }
 
+} // namespace detail
+
 /// Driven Gaussians in the world: the face's columns first, then the eyes'.
 template <class T>
 struct TwoStreamGaussians {
     Gaussians<T> gaussians;
     Index face_count = 0;
 
-    ColumnRange face_columns() const { return {0, face_count}; }
-    ColumnRange eye_columns() const { return {face_count, gaussians.count() - face_count}; }
+    detail::ColumnRange face_columns() const { return {0, face_count}; }
+    detail::ColumnRange eye_columns() const { return {face_count, gaussians.count() - face_count}; }
     GaussianView<T> face_gaussians() const { return view_of(gaussians).columns(0, face_count); }
     GaussianView<T> eye_gaussians() const {
         return view_of(gaussians).columns(face_count, eye_columns().count);
@@ -89,12 +93,14 @@ struct TwoStreamGaussians {
 template <class T, EffectSet E = PaperEffects>
 struct TwoStreamTrace : TwoStreamGaussians<T> {
     [[no_unique_address]] FrameCode<T, E> code;
-    [[no_unique_address]] HeadSlot<T, E> head;
+    [[no_unique_address]] detail::HeadSlot<T, E> head;
     [[no_unique_address]] FaceTrace<T, E> face;
     [[no_unique_address]] EyeTrace<T, E> eyes;
     [[no_unique_address]] OwnTrace<T, E> own;
-    [[no_unique_address]] Slot<E, HeadShading, ShadingTrace<T>> shading;
+    [[no_unique_address]] detail::Slot<E, HeadShading, ShadingTrace<T>> shading;
 };
+
+namespace detail {
 
 /// The frame as the avatar's shading reads it.
 template <class T, EffectSet E>
@@ -112,6 +118,8 @@ HeadTransform<T> view_transform(const TwoStream<T, E>& avatar, Index column) {
     return head_transform<T>(avatar.delta_view.col(column), T(1));
 }
 
+} // namespace detail
+
 /// Drives both streams: the Gaussians are trace.gaussians. Without a head pose the head's frame is
 /// the world.
 template <class T, EffectSet E, Backend B>
@@ -125,16 +133,18 @@ void drive(const B& backend, const TwoStream<T, E>& avatar,
     g.resize(n + avatar.eyes.position.cols(), config.channels);
     face_gaussians<T>(backend, avatar.face, {config, roles, trace.code}, trace.face, g);
     if constexpr (has_own_effects<E>) {
-        Columns<T>& scale = head_scale<T, E>(trace.face, g);
-        add_own_effects<T, E>(backend, avatar, optical.drivers,
-                              {g.mean.leftCols(n), g.rotation.leftCols(n), scale.leftCols(n),
-                               g.opacity.leftCols(n), g.feature.leftCols(n)},
-                              trace.own);
+        Columns<T>& scale = detail::head_scale<T, E>(trace.face, g);
+        detail::add_own_effects<T, E>(
+            backend, avatar, optical.drivers,
+            {g.mean.leftCols(n), g.rotation.leftCols(n), scale.leftCols(n), g.opacity.leftCols(n),
+             g.feature.leftCols(n)},
+            trace.own);
     }
     if constexpr (has_effect<E, HeadPose>) {
         trace.head = head_transform(optical.drivers);
         if (view.column >= 0)
-            trace.head = seen_head(view_transform(avatar, view.column), view.pivot, trace.head);
+            trace.head = detail::seen_head(detail::view_transform(avatar, view.column), view.pivot,
+                                           trace.head);
         to_world(backend, trace.head, trace.face.scale, g);
         eye_gaussians<T>(backend, avatar.eyes, {config, optical, trace.code}, {trace.eyes, g, n},
                          trace.head);
@@ -142,8 +152,11 @@ void drive(const B& backend, const TwoStream<T, E>& avatar,
         eye_gaussians<T>(backend, avatar.eyes, {config, optical, trace.code}, {trace.eyes, g, n});
     }
     if constexpr (has_effect<E, HeadShading>)
-        shade(backend, avatar.shading, shaded_frame(avatar, drivers), g.feature, trace.shading);
+        shade(backend, avatar.shading, detail::shaded_frame(avatar, drivers), g.feature,
+              trace.shading);
 }
+
+namespace detail {
 
 /// World cotangents of the Gaussians, which drive_vjp consumes, and the parameters' gradients,
 /// which it adds to.
@@ -153,46 +166,48 @@ struct DriveGradients {
     TwoStream<T, E>& avatar;
 };
 
+} // namespace detail
+
 /// Accumulates parameter gradients (all but those of the upsampler, delta_pose and delta_gaze).
 /// Returns the cotangent of the pose: 0 if nothing reads it.
 template <class T, EffectSet E, Backend B>
 Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
                     const std::type_identity_t<AvatarFrame<T, E>>& frame,
                     const TwoStreamTrace<T, E>& trace,
-                    const std::type_identity_t<DriveGradients<T, E>>& gradients) {
+                    const std::type_identity_t<detail::DriveGradients<T, E>>& gradients) {
     const AvatarConfig& config = frame.config;
     const Drivers<T, E>& drivers = frame.drivers;
     Gaussians<T>& g = gradients.gaussians;
     TwoStream<T, E>& grad = gradients.avatar;
     Vec<T, 6> g_pose = Vec<T, 6>::Zero();
-    FrameCotangent<T, E> g_frame(trace.code);
+    detail::FrameCotangent<T, E> g_frame(trace.code);
     const Index n = trace.face_count;
     [[maybe_unused]] Vec3<T> g_shaded;
     if constexpr (has_effect<E, HeadShading>)
-        g_shaded =
-            shade_vjp(backend, avatar.shading,
-                      {shaded_frame(avatar, drivers), trace.gaussians.feature, trace.shading},
-                      g.feature, grad.shading);
+        g_shaded = shade_vjp(
+            backend, avatar.shading,
+            {detail::shaded_frame(avatar, drivers), trace.gaussians.feature, trace.shading},
+            g.feature, grad.shading);
     [[maybe_unused]] const auto optics_vjp = [&](const auto&... head) {
         if constexpr (has_effect<E, SeesCornea>)
-            eye_optics_vjp(backend, avatar.eyes.optics,
-                           {drivers.camera, avatar.eyes.position, avatar.eyes.points_of(0),
-                            trace.eyes.optics},
-                           {g, n}, {grad.eyes.optics, g_frame.optics}, head...);
+            detail::eye_optics_vjp(
+                backend, avatar.eyes.optics,
+                {drivers.camera, avatar.eyes.position, avatar.eyes.points_of(0), trace.eyes.optics},
+                {g, n}, {grad.eyes.optics, g_frame.optics}, head...);
     };
-    const auto driven = [&]() -> DrivenFace<T, E> {
+    const auto driven = [&]() -> detail::DrivenFace<T, E> {
         if constexpr (has_own_effects<E>)
             return {config, trace.code, trace.face, trace.own.front().scale,
                     trace.own.front().opacity};
         else
-            return {config, trace.code, trace.face, head_scale<T, E>(trace.face, trace.gaussians),
-                    trace.gaussians.opacity};
+            return {config, trace.code, trace.face,
+                    detail::head_scale<T, E>(trace.face, trace.gaussians), trace.gaussians.opacity};
     };
     const auto face_part = [&] {
         if constexpr (has_own_effects<E>)
-            own_effects_vjp<T, E>(backend, avatar,
-                                  {optical_drivers(avatar.eyes, drivers).drivers, trace.own},
-                                  first_columns(g, n), grad);
+            detail::own_effects_vjp<T, E>(
+                backend, avatar, {optical_drivers(avatar.eyes, drivers).drivers, trace.own},
+                detail::first_columns(g, n), grad);
         face_vjp(backend, avatar.face, driven(), g, {grad.face, g_frame});
     };
     const DrivenEyes<T, E> eyes{config, drivers, trace.code, trace.eyes, trace.gaussians, n};
@@ -202,15 +217,15 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
     if constexpr (has_effect<E, HeadPose>) {
         HeadTransformGradient<T> g_head =
             to_world_vjp(backend, trace.head, trace.gaussians, trace.face_columns(), g);
-        const SumsOfEyes<T, E> sums =
+        const detail::SumsOfEyes<T, E> sums =
             eye_points_vjp(backend, avatar.eyes, eyes, {g, grad.eyes}, trace.head);
-        take_head_sums(std::get<0>(sums).begin(), g_head);
-        take_head_sums(std::get<1>(sums).begin(), g_head);
+        detail::take_head_sums(std::get<0>(sums).begin(), g_head);
+        detail::take_head_sums(std::get<1>(sums).begin(), g_head);
         optics_vjp(trace.head);
         if constexpr (has_effect<E, SeesCornea>) g_head += g_frame.optics.head;
         if (const auto& [column, pivot] = frame.view; column >= 0) {
-            const auto g_seen = seen_head_vjp(view_transform(avatar, column), pivot,
-                                              head_transform(drivers), g_head);
+            const auto g_seen = detail::seen_head_vjp(detail::view_transform(avatar, column), pivot,
+                                                      head_transform(drivers), g_head);
             grad.delta_view.col(column) +=
                 head_pose_vjp<T>(avatar.delta_view.col(column), g_seen.view);
             g_head = g_seen.head;
@@ -219,16 +234,17 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
         face_part();
         eyes_vjp(sums);
     } else {
-        const SumsOfEyes<T, E> sums = eye_points_vjp(backend, avatar.eyes, eyes, {g, grad.eyes});
+        const detail::SumsOfEyes<T, E> sums =
+            eye_points_vjp(backend, avatar.eyes, eyes, {g, grad.eyes});
         optics_vjp();
         face_part();
         eyes_vjp(sums);
     }
     if constexpr (has_effect<E, ReadsPoseCode>)
         g_pose +=
-            EncodingOf<E>::vjp(trace.code.pose, g_frame.pose, config.pose_frequencies);
+            detail::EncodingOf<E>::vjp(trace.code.pose, g_frame.pose, config.pose_frequencies);
     if constexpr (has_effect<E, HeadShading>) g_pose.template head<3>() += g_shaded;
-    if constexpr (eyes_read_pose<E>) g_pose += g_frame.eye_pose;
+    if constexpr (detail::eyes_read_pose<E>) g_pose += g_frame.eye_pose;
     return g_pose;
 }
 

@@ -35,16 +35,17 @@ struct AvatarFrame {
 /// Influences of the drivers on N points of the face, in 0..1.
 template <class T, EffectSet E = PaperEffects>
 struct Weights {
-    [[no_unique_address]] Slot<E, ReadsFaceRamp, Columns<T>> exp;     ///< 1 x N
-    [[no_unique_address]] Slot<E, ReadsFaceRamp, Columns<T>, 1> pose; ///< 1 x N, exp + pose = 1
-    [[no_unique_address]] SkinSlot<E, Columns<T>, 2> gaze;            ///< 1 x N, left and right
+    [[no_unique_address]] detail::Slot<E, ReadsFaceRamp, Columns<T>> exp; ///< 1 x N
+    [[no_unique_address]] detail::Slot<E, ReadsFaceRamp, Columns<T>, 1>
+        pose;                                                      ///< 1 x N, exp + pose = 1
+    [[no_unique_address]] detail::SkinSlot<E, Columns<T>, 2> gaze; ///< 1 x N, left and right
 
     Weights() = default;
     explicit Weights(Index n) {
         const Columns<T> zero = Columns<T>::Zero(1, n);
         if constexpr (has_effect<E, ReadsFaceRamp>) exp = pose = zero;
         for_eyes([&]<std::size_t eye>() {
-            if constexpr (skin_follows<E, eye>) of_eye<eye>(gaze) = zero;
+            if constexpr (detail::skin_follows<E, eye>) of_eye<eye>(gaze) = zero;
         });
     }
 };
@@ -59,8 +60,8 @@ struct NearestTrace {
 /// ... for each of the landmark sets that are needed.
 template <class T, EffectSet E = PaperEffects>
 struct WeightsTrace {
-    [[no_unique_address]] Slot<E, ReadsFaceRamp, NearestTrace<T>, 2> exp;
-    [[no_unique_address]] SkinSlot<E, NearestTrace<T>, 3> gaze; ///< left, right
+    [[no_unique_address]] detail::Slot<E, ReadsFaceRamp, NearestTrace<T>, 2> exp;
+    [[no_unique_address]] detail::SkinSlot<E, NearestTrace<T>, 3> gaze; ///< left, right
 };
 
 /// Points whose influences are computed.
@@ -71,14 +72,14 @@ struct InfluenceInput {
     const Columns<T>& landmarks; ///< 3 x L
 };
 
+namespace detail {
+
 /// Their gradients, accumulated; the landmarks' may be null.
 template <class T>
 struct InfluenceGradients {
     Columns<T>& points;
     Columns<T>* landmarks;
 };
-
-namespace detail {
 
 /// Points, and the distances to landmarks between which influence falls off.
 template <class T>
@@ -145,12 +146,12 @@ void set_weights_vjp(const B& backend, const std::type_identity_t<LandmarkRamp<T
     });
 }
 
-} // namespace detail
-
 /// True if lambda_pose is 1 - lambda_exp.
 template <EffectSet E>
 inline constexpr bool one_face_metric =
     std::same_as<PoseInfluenceOf<E>, ExpressionInfluenceOf<E>>;
+
+} // namespace detail
 
 /// Influences by distance to the landmarks of each role; the trace is for the vjp.
 template <class T, EffectSet E, Backend B>
@@ -159,21 +160,22 @@ Weights<T, E> face_weights(const B& backend, const std::type_identity_t<Influenc
     [[maybe_unused]] const AvatarConfig& config = in.config;
     Weights<T, E> w;
     if constexpr (has_effect<E, ReadsFaceRamp>) {
-        w.exp = detail::set_weights<ExpressionInfluenceOf<E>>(
+        w.exp = detail::set_weights<detail::ExpressionInfluenceOf<E>>(
             backend, {in, config.exp_near, config.exp_far}, roles.expression, trace.exp);
-        if constexpr (one_face_metric<E>)
+        if constexpr (detail::one_face_metric<E>)
             w.pose = Columns<T>::Ones(1, in.points.cols()) - w.exp;
         else
-            w.pose = Columns<T>::Ones(1, in.points.cols()) -
-                     detail::with_metric<PoseInfluenceOf<E>>(config, [&](const auto& metric) {
-                         return influence(metric,
-                                          checked_ramp(T(config.exp_near), T(config.exp_far)),
-                                          trace.exp.squared);
-                     });
+            w.pose =
+                Columns<T>::Ones(1, in.points.cols()) -
+                detail::with_metric<detail::PoseInfluenceOf<E>>(config, [&](const auto& metric) {
+                    return influence(metric,
+                                     detail::checked_ramp(T(config.exp_near), T(config.exp_far)),
+                                     trace.exp.squared);
+                });
     }
     for_eyes([&]<std::size_t eye>() {
-        if constexpr (skin_follows<E, eye>)
-            of_eye<eye>(w.gaze) = detail::set_weights<GazeInfluenceOf<E>>(
+        if constexpr (detail::skin_follows<E, eye>)
+            of_eye<eye>(w.gaze) = detail::set_weights<detail::GazeInfluenceOf<E>>(
                 backend, {in, config.gaze_near, config.gaze_far}, roles.eye[eye],
                 of_eye<eye>(trace.gaze));
     });
@@ -184,23 +186,23 @@ Weights<T, E> face_weights(const B& backend, const std::type_identity_t<Influenc
 template <class T, EffectSet E, Backend B>
 void face_weights_vjp(const B& backend, const std::type_identity_t<InfluenceInput<T>>& in,
                       const WeightsTrace<T, E>& trace, const Weights<T, E>& g,
-                      const std::type_identity_t<InfluenceGradients<T>>& gradients) {
+                      const std::type_identity_t<detail::InfluenceGradients<T>>& gradients) {
     [[maybe_unused]] const AvatarConfig& config = in.config;
-    if constexpr (has_effect<E, ReadsFaceRamp> && one_face_metric<E>)
-        detail::set_weights_vjp<ExpressionInfluenceOf<E>>(
+    if constexpr (has_effect<E, ReadsFaceRamp> && detail::one_face_metric<E>)
+        detail::set_weights_vjp<detail::ExpressionInfluenceOf<E>>(
             backend, {in, config.exp_near, config.exp_far}, trace.exp,
             [&](Index i) { return T(g.exp(0, i) - g.pose(0, i)); }, gradients);
-    if constexpr (has_effect<E, ReadsFaceRamp> && !one_face_metric<E>) {
-        detail::set_weights_vjp<ExpressionInfluenceOf<E>>(
+    if constexpr (has_effect<E, ReadsFaceRamp> && !detail::one_face_metric<E>) {
+        detail::set_weights_vjp<detail::ExpressionInfluenceOf<E>>(
             backend, {in, config.exp_near, config.exp_far}, trace.exp,
             [&](Index i) { return T(g.exp(0, i)); }, gradients);
-        detail::set_weights_vjp<PoseInfluenceOf<E>>(
+        detail::set_weights_vjp<detail::PoseInfluenceOf<E>>(
             backend, {in, config.exp_near, config.exp_far}, trace.exp,
             [&](Index i) { return T(-g.pose(0, i)); }, gradients);
     }
     for_eyes([&]<std::size_t eye>() {
-        if constexpr (skin_follows<E, eye>)
-            detail::set_weights_vjp<GazeInfluenceOf<E>>(
+        if constexpr (detail::skin_follows<E, eye>)
+            detail::set_weights_vjp<detail::GazeInfluenceOf<E>>(
                 backend, {in, config.gaze_near, config.gaze_far}, of_eye<eye>(trace.gaze),
                 [&](Index i) { return T(of_eye<eye>(g.gaze)(0, i)); }, gradients);
     });

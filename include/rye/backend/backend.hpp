@@ -19,6 +19,8 @@ concept Backend = std::copy_constructible<B> && requires(const B& b) {
     requires Threads<std::remove_cvref_t<decltype(b.threads)>>;
 };
 
+namespace detail {
+
 /// Returns the same backend on the calling thread alone, for tasks that are themselves run side by
 /// side. A backend of one's own has an overload, or stays as it is: its threads then take nested
 /// calls.
@@ -26,6 +28,8 @@ template <Backend B>
 B one_thread(const B& backend) {
     return backend;
 }
+
+} // namespace detail
 
 /// A backend with SIMD vectors of T, on which the tuned loops run.
 template <class B, class T>

@@ -17,6 +17,8 @@ void for_each(const B& backend, Index count, const F& f) {
     });
 }
 
+namespace detail {
+
 /// F::sums sums of F::Number, which f(i, sums) adds to; one that stays 0 where F has none.
 template <class F>
 struct SumsOf : Array<typename F::Number, F::sums == 0 ? 1 : std::size_t(F::sums)> {
@@ -39,5 +41,7 @@ SumsOf<F> sum_each(const B& backend, Index count, const F& f) {
         return sums;
     });
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -44,17 +44,23 @@ template <Threads P>
 XsimdBackend(P) -> XsimdBackend<DefaultArch, P>;
 static_assert(Backend<XsimdBackend<>>);
 
+namespace detail {
+
 /// Returns the same backend on the calling thread alone.
 template <class Arch, Threads P>
 XsimdBackend<Arch, Serial> one_thread(const XsimdBackend<Arch, P>&) {
     return {};
 }
 
+} // namespace detail
+
 /// This unit's best vectors on the default threads.
 template <Scalar T>
 struct DefaultBackendOf<T> {
     using type = XsimdBackend<>;
 };
+
+namespace detail {
 
 template <class T, class A>
 struct RealOf<xsimd::batch<T, A>> {
@@ -74,13 +80,22 @@ template <class V>
 struct EightLanes {
     using type = V;
 };
+
+} // namespace detail
+
 #ifdef __AVX512F__  // the only vectors of more
+
+namespace detail {
+
 template <class T, class A>
     requires(xsimd::batch<T, A>::size > 8 &&
              !std::is_void_v<typename xsimd::make_sized_batch<T, 8>::type>)
 struct EightLanes<xsimd::batch<T, A>> {
     using type = typename xsimd::make_sized_batch<T, 8>::type;
 };
+
+} // namespace detail
+
 #endif
 
 namespace detail {
@@ -120,8 +135,6 @@ constexpr bool has_sign_bits() {
         return false;
 }
 
-} // namespace detail
-
 /// Returns a mask as bits, the first lane lowest. Where xsimd has no mask.mask(): the sign-bit
 /// instruction, or one lane after another.
 template <class M>
@@ -141,6 +154,8 @@ template <class M>
         return bits;
     }
 }
+
+} // namespace detail
 
 /// Returns x where the mask is true, else 0: one instruction where a mask is a wide register.
 template <class V>

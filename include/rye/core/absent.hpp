@@ -21,6 +21,8 @@ struct Without {
     void operator[](U&&) const = delete;
 };
 
+namespace detail {
+
 /// True if V is a Without.
 template <class V>
 inline constexpr bool is_absent = false;
@@ -30,5 +32,7 @@ inline constexpr bool is_absent<Without<X, number>> = true;
 /// V, or Without<X> where X is off.
 template <bool on, class X, class V, int number = 0>
 using PresentIf = std::conditional_t<on, V, Without<X, number>>;
+
+} // namespace detail
 
 } // namespace rye

@@ -48,12 +48,16 @@ inline std::uint32_t crc32(std::span<const std::byte> bytes, std::uint32_t befor
     return ~crc;
 }
 
+namespace detail {
+
 /// Number of digits of a checksum in a file.
 inline constexpr std::size_t checksum_digits = 8;
 
+} // namespace detail
+
 /// Returns a checksum as files state it: 8 lower-case hexadecimal digits.
 inline std::string checksum_text(std::uint32_t crc) {
-    std::string text(checksum_digits, '0');
+    std::string text(detail::checksum_digits, '0');
     for (std::size_t k = text.size(); k-- > 0; crc >>= 4U) text[k] = "0123456789abcdef"[crc & 15U];
     return text;
 }

@@ -34,6 +34,8 @@ ColumnArray<const T> array_of(const Columns<T>& a) {
     return {a.data(), a.rows(), a.cols()};
 }
 
+namespace detail {
+
 /// Returns column i of an array of 3 rows.
 template <class T>
 RYE_HD Vec3<std::remove_const_t<T>> column3(T* x, Index i) {
@@ -54,5 +56,7 @@ template <int N, class T>
 RYE_HD void add_column(const Vec<std::type_identity_t<T>, N>& v, T* to, Index i) {
     for (int k = 0; k < N; ++k) to[N * i + k] += v[k];
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -24,15 +24,20 @@ concept Scalar = std::default_initializable<T> && std::copyable<T> &&
                      { a += b };
                  };
 
-/// The innermost Real of a scalar: float for Dual<Dual<float, 2>, 3> and for batch<float>.
-/// Specialised beside Dual and beside the batch.
-template <class T>
-struct RealOf {
-    using type = T;
+                 namespace detail {
+
+                 /// The innermost Real of a scalar: float for Dual<Dual<float, 2>, 3> and for
+                 /// batch<float>. Specialised beside Dual and beside the batch.
+                 template <class T>
+                 struct RealOf {
+                     using type = T;
 };
+
+} // namespace detail
+
 /// See RealOf.
 template <class T>
-using real_t = typename RealOf<T>::type;
+using real_t = typename detail::RealOf<T>::type;
 
 /// Returns the value of a scalar without its derivative; the identity for Real and batches.
 /// Overloaded beside Dual. Branches and comparisons are taken on values only.

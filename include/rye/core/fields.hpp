@@ -16,12 +16,16 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Visits the arrays of nested parameter structs under "prefix.name".
 template <class P, class F, class... Ps>
 void nested_fields(const std::string& prefix, F&& f, Ps&&... ps) {
     P::fields([&](const std::string& name, auto&&... arrays) { f(prefix + "." + name, arrays...); },
               std::forward<Ps>(ps)...);
 }
+
+} // namespace detail
 
 /// Returns a struct of the same shapes, all zero: a gradient accumulator, or a moment.
 template <class P>
@@ -30,6 +34,8 @@ P zeros_like(const P& p) {
     P::fields([](const std::string&, auto& a) { a.setZero(); }, z);
     return z;
 }
+
+namespace detail {
 
 /// Sets every array of p to zeros.
 template <Threads Th, class P>
@@ -43,6 +49,8 @@ void set_zero(const Th& threads, P& p) {
         p);
     for_chunks(threads, arrays, 16384);
 }
+
+} // namespace detail
 
 /// Adds src to dst, array by array.
 template <class P>

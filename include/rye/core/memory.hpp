@@ -21,11 +21,16 @@ constexpr std::uint64_t saturated_product(std::uint64_t a, std::uint64_t b) {
     constexpr std::uint64_t most = std::numeric_limits<std::uint64_t>::max();
     return b != 0 && a > most / b ? most : a * b;
 }
+
+namespace detail {
+
 /// Returns a + b, or the largest number where that is beyond 64 bits.
 constexpr std::uint64_t saturated_sum(std::uint64_t a, std::uint64_t b) {
     constexpr std::uint64_t most = std::numeric_limits<std::uint64_t>::max();
     return a > most - b ? most : a + b;
 }
+
+} // namespace detail
 
 /// Throws Error with both numbers if more bytes are needed than the limit; `what` needs them.
 inline void require_memory(std::uint64_t need, std::uint64_t most, const std::string& who,

@@ -141,14 +141,18 @@ using DefaultThreads = OpenMp;
 using DefaultThreads = Serial;
 #endif
 
+namespace detail {
+
 /// Returns the number of chunks of at most `grain` items; a function of its arguments alone.
 constexpr Index chunk_count(Index n, Index grain) { return (n + grain - 1) / grain; }
+
+} // namespace detail
 
 /// Calls f(begin, end, chunk) for the fixed chunks of [0, n).
 template <Threads P, class F>
     requires std::invocable<F, Index, Index, Index>
 void for_chunks(const P& threads, Index n, Index grain, F&& f) {
-    threads.run(chunk_count(n, grain),
+    threads.run(detail::chunk_count(n, grain),
                 [&](Index c) { f(c * grain, std::min(n, (c + 1) * grain), c); });
 }
 
@@ -156,7 +160,7 @@ void for_chunks(const P& threads, Index n, Index grain, F&& f) {
 template <Threads P, class R, class F>
     requires std::invocable<F, Index, Index> R sum_chunks(const P& threads, Index n, Index grain,
                                                           const R& zero, F&& f) {
-        std::vector<R> parts(static_cast<std::size_t>(chunk_count(n, grain)), zero);
+        std::vector<R> parts(static_cast<std::size_t>(detail::chunk_count(n, grain)), zero);
         for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
             parts[static_cast<std::size_t>(c)] = f(b, e);
         });
@@ -165,22 +169,26 @@ template <Threads P, class R, class F>
         return total;
     }
 
+namespace detail {
+
 /// Work on the elements of one of several arrays: run(begin, end) does a part of it.
 struct ArrayWork {
     Index size;
     std::function<void(Index, Index)> run;
 };
 
+} // namespace detail
+
 /// Calls run for the fixed chunks of every array, all side by side, so that small arrays leave no
 /// thread idle.
 template <Threads P>
-void for_chunks(const P& threads, const std::vector<ArrayWork>& arrays, Index grain) {
+void for_chunks(const P& threads, const std::vector<detail::ArrayWork>& arrays, Index grain) {
     struct Piece {
-        const ArrayWork* of;
+        const detail::ArrayWork* of;
         Index begin;
     };
     std::vector<Piece> pieces;
-    for (const ArrayWork& a : arrays)
+    for (const detail::ArrayWork& a : arrays)
         for (Index b = 0; b < a.size; b += grain) pieces.push_back({&a, b});
     threads.run(static_cast<Index>(pieces.size()), [&](Index i) {
         const Piece& p = pieces[static_cast<std::size_t>(i)];

@@ -35,7 +35,7 @@ GaussianCloud<T> activate_vjp(const GaussianCloud<T>& cloud, const Vec3<T>& eye,
     for (Index i = 0; i < cloud.count(); ++i) {
         const T& o = drawn.opacity(0, i);
         r.logit_opacity(0, i) =
-            drawn_opacity_vjp(o, sigmoid(T(-cloud.logit_opacity(0, i))), g.opacity(0, i));
+            detail::drawn_opacity_vjp(o, sigmoid(T(-cloud.logit_opacity(0, i))), g.opacity(0, i));
     }
     sh_colors_vjp<most>(cloud, eye, g.feature, r);
     return r;
@@ -56,7 +56,7 @@ GaussianCloud<T> deactivate(const Gaussians<T>& g) {
         constexpr T u = std::numeric_limits<T>::epsilon() / 2;
         return logit(std::clamp(o, u, T(1) - u));
     });
-    r.sh_constant = (g.feature.topRows(3).array() - T(0.5)) / static_cast<T>(sh_factor(0));
+    r.sh_constant = (g.feature.topRows(3).array() - T(0.5)) / static_cast<T>(detail::sh_factor(0));
     return r;
 }
 

@@ -23,7 +23,7 @@ template <Scalar T>
 RYE_HD T dilation_share(const Vec3<T>& x, const Vec3<T>& y, const T& dilation) {
     using std::sqrt;
     const Vec3<T> n = cross(x, y);
-    const T plain = dot(n, n), dilated = gram_determinant(x, y, dilation);
+    const T plain = dot(n, n), dilated = detail::gram_determinant(x, y, dilation);
     const auto visible = plain > T(0);
     return select(visible, T(sqrt(select(visible, plain, T(1)) /
                                   select(visible, dilated, T(1)))), T(0));
@@ -36,7 +36,7 @@ template <Scalar T>
 RYE_HD void dilation_share_vjp(const Vec3<T>& x, const Vec3<T>& y, const T& dilation,
                                const T& g_log, Vec3<T>& g_x, Vec3<T>& g_y) {
     const Vec3<T> n = cross(x, y);
-    const T plain = dot(n, n), dilated = gram_determinant(x, y, dilation);
+    const T plain = dot(n, n), dilated = detail::gram_determinant(x, y, dilation);
     const auto visible = plain > T(0);
     const T a = select(visible, T(g_log / select(visible, plain, T(1))), T(0));
     const T b = select(visible, T(g_log / select(visible, dilated, T(1))), T(0));

@@ -10,6 +10,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Views of the arrays of Gaussians<T>, or of a range of their columns.
 template <class T>
 struct GaussianArrays {
@@ -22,18 +24,22 @@ struct GaussianArrays {
     RYE_HD operator GaussianArrays<U>() const { return {mean, rotation, scale, opacity, feature}; }
 };
 
+} // namespace detail
+
 /// Returns the views of a cloud's arrays.
 template <class T>
-GaussianArrays<T> arrays_of(Gaussians<T>& g) {
+detail::GaussianArrays<T> arrays_of(Gaussians<T>& g) {
     return {array_of(g.mean), array_of(g.rotation), array_of(g.scale), array_of(g.opacity),
             array_of(g.feature)};
 }
 /// The same, to be read.
 template <class T>
-GaussianArrays<const T> arrays_of(const Gaussians<T>& g) {
+detail::GaussianArrays<const T> arrays_of(const Gaussians<T>& g) {
     return {array_of(g.mean), array_of(g.rotation), array_of(g.scale), array_of(g.opacity),
             array_of(g.feature)};
 }
+
+namespace detail {
 
 /// Returns the views of a range of columns.
 template <class T>
@@ -43,5 +49,7 @@ GaussianArrays<T> columns_from(const GaussianArrays<T>& g, const ColumnRange& ra
     };
     return {part(g.mean), part(g.rotation), part(g.scale), part(g.opacity), part(g.feature)};
 }
+
+} // namespace detail
 
 } // namespace rye

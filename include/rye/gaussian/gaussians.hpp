@@ -45,6 +45,8 @@ struct Gaussians {
     }
 };
 
+namespace detail {
+
 /// Columns [begin, begin + count) of a cloud.
 struct ColumnRange {
     Index begin = 0, count = 0;
@@ -66,5 +68,7 @@ void check_shapes(const std::string& who, const Gaussians<T>& g) {
     check("opacity", g.opacity, 1);
     check("feature", g.feature, g.channels());
 }
+
+} // namespace detail
 
 } // namespace rye

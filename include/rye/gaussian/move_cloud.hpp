@@ -48,6 +48,8 @@ inline Columns<double> harmonics_rotation(const Mat3<double>& rotation, int degr
     return d;
 }
 
+namespace detail {
+
 /// Moves a cloud. Rotations are normalised.
 template <Real T>
 void move_cloud(GaussianCloud<T>& cloud, const Similarity& s) {
@@ -68,5 +70,7 @@ void move_cloud(GaussianCloud<T>& cloud, const Similarity& s) {
         cloud.sh_rest.middleRows(c * more, more) = turned;
     }
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -123,17 +123,26 @@ struct ScreenGaussian {
     T depth;                     ///< z [world units]
     Sym2<T> covariance;          ///< for bounds [px^2]
     T determinant;               ///< covariance's determinant [px^4]
-    PrecisionFactor<T> precision; ///< w = L (p - centre), density exp(-|w|^2 / 2)
+    detail::PrecisionFactor<T> precision; ///< w = L (p - centre), density exp(-|w|^2 / 2)
     Mask drawable;               ///< beyond the near plane, with a finite ellipse
 };
+
+namespace detail {
+
 /// A Gaussian on the screen whose opacity is multiplied by a share (Antialias::mip).
 template <Scalar T>
 struct MipGaussian : ScreenGaussian<T> {
     T share;                     ///< in [0, 1]
 };
+
+} // namespace detail
+
 /// Result of project.
 template <Scalar T, Antialias how>
-using Projected = std::conditional_t<how == Antialias::mip, MipGaussian<T>, ScreenGaussian<T>>;
+using Projected =
+    std::conditional_t<how == Antialias::mip, detail::MipGaussian<T>, ScreenGaussian<T>>;
+
+namespace detail {
 
 /// Returns the opacity that is rendered.
 template <Scalar T>
@@ -145,6 +154,8 @@ template <Scalar T>
 RYE_HD T kept_opacity(const MipGaussian<T>& s, const T& opacity) {
     return opacity * s.share;
 }
+
+} // namespace detail
 
 /// Cotangent of a screen Gaussian. The shape's is in whitened offsets w = L (p - centre): `moment`
 /// is the sum of g w w^T over pixels, g being the cotangent of -|w|^2 / 2. In these terms there is
@@ -254,9 +265,9 @@ RYE_HD Projected<T, how> project(const Shape<T>& g, const Projector<T, D>& lens)
     if constexpr (D::distorts)
         s.centre = Vec2<T>(lens.fx * l.bent.here.at[0], lens.fy * l.bent.here.at[1]);
     s.depth = l.point[2];
-    s.covariance = gram(x, y, lens.dilation);
-    s.determinant = gram_determinant(x, y, lens.dilation);
-    s.precision = precision_factor(x, y, lens.dilation);
+    s.covariance = detail::gram(x, y, lens.dilation);
+    s.determinant = detail::gram_determinant(x, y, lens.dilation);
+    s.precision = detail::precision_factor(x, y, lens.dilation);
     // A bound on the magnitude instead of isfinite, so that NaN fails it too; the reciprocal of a
     // smaller determinant would not be finite.
     const T large = T(Limits<real_t<T>>::largest / 4);
@@ -309,7 +320,7 @@ RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
     const detail::Linearised<T, D> l(g, lens);
     const Vec3<T> x = detail::scaled_by(l.along_x, g.scale);
     const Vec3<T> y = detail::scaled_by(l.along_y, g.scale);
-    const PrecisionFactor<T> f = precision_factor(x, y, lens.dilation);
+    const detail::PrecisionFactor<T> f = detail::precision_factor(x, y, lens.dilation);
 
     const Vec3<T> second = detail::whitened_second_row(l, g.scale, f, lens.dilation);
     Vec3<T> g_x, g_y;                                                     // cotangents of M's rows

@@ -21,6 +21,8 @@ constexpr Index stride_in() {
     return static_cast<Index>(sizeof(Record) / sizeof(T));
 }
 
+namespace detail {
+
 /// Read-only columns of Rows numbers each, in memory of any stride. A pointer converts to it:
 /// columns one after another.
 template <class T, int Rows>
@@ -38,6 +40,8 @@ struct ViewColumns {
     ViewColumns from(Index begin) const { return {data + stride * begin, stride}; }
 };
 
+} // namespace detail
+
 /// Read-only columns of Gaussians. The memory must outlive the view; functions take it by
 /// reference, and a Gaussians<T> converts to it:
 ///     rasterizer.forward(backend, cloud, camera, background);
@@ -48,10 +52,12 @@ struct ViewColumns {
 ///     v.feature = vertices[0].rgb, v.stride = stride_in<float, Vertex>(), v.rows = 3, v.size = n;
 template <class T>
 struct GaussianView {
-    ViewColumns<T, 3> mean;      ///< 3 x N  [world units]
-    ViewColumns<T, 4> rotation;  ///< 4 x N  quaternions (w, x, y, z) of any norm; 0: identity
-    ViewColumns<T, 3> scale;     ///< 3 x N  standard deviations along the own axes [world units]
-    ViewColumns<T, 1> opacity;   ///< 1 x N  in 0..1
+    detail::ViewColumns<T, 3> mean; ///< 3 x N  [world units]
+    detail::ViewColumns<T, 4>
+        rotation; ///< 4 x N  quaternions (w, x, y, z) of any norm; 0: identity
+    detail::ViewColumns<T, 3>
+        scale; ///< 3 x N  standard deviations along the own axes [world units]
+    detail::ViewColumns<T, 1> opacity; ///< 1 x N  in 0..1
     const T* feature = nullptr;  ///< C x N, `stride` numbers from one Gaussian to the next
     Index size = 0;              ///< N
     Index rows = 0;              ///< C
@@ -64,7 +70,7 @@ struct GaussianView {
         : mean(g.mean.data()), rotation(g.rotation.data()), scale(g.scale.data()),
           opacity(g.opacity.data()), feature(g.feature.data()), size(g.count()), rows(g.channels()),
           stride(g.channels()) {
-        check_shapes("rasterizer", g);
+        detail::check_shapes("rasterizer", g);
     }
 
     Index count() const { return size; }
@@ -122,11 +128,15 @@ struct GaussianSpan {
     Index channels() const { return feature.rows(); }
 };
 
+namespace detail {
+
 /// Returns the first n columns.
 template <class T>
 GaussianSpan<T> first_columns(Gaussians<T>& g, Index n) {
     return {g.mean.leftCols(n), g.rotation.leftCols(n), g.scale.leftCols(n), g.opacity.leftCols(n),
             g.feature.leftCols(n)};
 }
+
+} // namespace detail
 
 } // namespace rye

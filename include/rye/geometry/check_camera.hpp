@@ -10,8 +10,12 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Largest side of a picture that is accepted from outside [px].
 inline constexpr int most_picture_side = 16384;
+
+} // namespace detail
 
 /// Throws Error("who: ...") unless the camera is one that can draw: focal lengths and near depth
 /// positive, sides of 1 to 16384 pixels, all numbers finite, and a rotation (orthonormal to 1e-3,
@@ -28,10 +32,11 @@ void check_camera(const std::string& who, const Pinhole<T>& c) {
     positive("near_depth", c.near_depth);
     require(std::isfinite(c.cx) && std::isfinite(c.cy), who,
             "camera: the principal point is not finite");
-    if (c.width < 1 || c.height < 1 || c.width > most_picture_side || c.height > most_picture_side)
+    if (c.width < 1 || c.height < 1 || c.width > detail::most_picture_side ||
+        c.height > detail::most_picture_side)
         throw Error(who + ": camera: the picture has " + std::to_string(c.width) + " x " +
                     std::to_string(c.height) + " pixels, expected sides of 1 to " +
-                    std::to_string(most_picture_side));
+                    std::to_string(detail::most_picture_side));
     const auto& t = c.camera_from_world.translation;
     require(std::isfinite(t[0]) && std::isfinite(t[1]) && std::isfinite(t[2]), who,
             "camera: 'translation' is not finite");

@@ -23,6 +23,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Treatment of edges on which the formula t = s_a / (s_a - s_b) is singular or degenerate.
 struct EdgeCut {
     /// If |s_a - s_b| is less, t = 1/2 with gradient 0: dt/ds is 1 / |s_a - s_b|, and gradients
@@ -33,6 +35,8 @@ struct EdgeCut {
     /// hundreds of float ulps in a grid of a thousand cells. [1]
     double min_fraction = 1e-4;
 };
+
+} // namespace detail
 
 /// Vertex i of the surface lies on grid edge edges[i] = (a, b), a < b; edges are sorted.
 struct SurfaceTopology {
@@ -88,7 +92,7 @@ SurfaceTopology surface_topology(const B& backend, const TetTopology& grid,
     constexpr Index grain = 16384;
     const auto at = [](Index i) { return static_cast<std::size_t>(i); };
     const auto count = [](const auto& v) { return static_cast<Index>(v.size()); };
-    const auto chunks = [&](Index n) { return at(chunk_count(n, grain)); };
+    const auto chunks = [&](Index n) { return at(detail::chunk_count(n, grain)); };
     std::vector<std::uint8_t> outside(at(grid.vertex_count));
     for_chunks(backend.threads, grid.vertex_count, grain, [&](Index begin, Index end, Index) {
         for (Index v = begin; v < end; ++v) {
@@ -156,6 +160,8 @@ SurfaceTopology surface_topology(const TetTopology& grid, const ColumnsView<T>& 
     return surface_topology<T>(ScalarBackend{Serial{}}, grid, sdf);
 }
 
+namespace detail {
+
 /// Returns t = s_a / (s_a - s_b) of every surface vertex, 1 x M, with the exceptions of EdgeCut.
 template <class T>
 Columns<T> crossing_fractions(const SurfaceTopology& surface, const ColumnsView<T>& sdf,
@@ -196,6 +202,8 @@ void crossing_fractions_vjp(const SurfaceTopology& surface, const ColumnsView<T>
         g_sdf(0, b) += t * g;
     }
 }
+
+} // namespace detail
 
 /// Interpolates grid values, C x V, at the surface's vertices, C x M: v_a + t (v_b - v_a).
 template <class T, Backend B>
@@ -272,18 +280,18 @@ Columns<T> interpolate_vjp(const B& backend, const SurfaceTopology& surface,
 /// Returns the vertex positions, 3 x M, on a fixed topology.
 template <class T>
 Columns<T> surface_positions(const SurfaceTopology& surface, const ColumnsView<T>& vertices,
-                             const ColumnsView<T>& sdf, const EdgeCut& cut = {}) {
-    return interpolate<T>(surface, crossing_fractions<T>(surface, sdf, cut), vertices);
+                             const ColumnsView<T>& sdf, const detail::EdgeCut& cut = {}) {
+    return interpolate<T>(surface, detail::crossing_fractions<T>(surface, sdf, cut), vertices);
 }
 
 /// Returns the surface where sdf, 1 x V, is zero; vertices is 3 x V and may differ from the grid's
 /// own.
 template <class T>
 Surface<T> marching_tetrahedra(const TetTopology& grid, const ColumnsView<T>& vertices,
-                               const ColumnsView<T>& sdf, const EdgeCut& cut = {}) {
+                               const ColumnsView<T>& sdf, const detail::EdgeCut& cut = {}) {
     Surface<T> out;
     out.topology = surface_topology<T>(grid, sdf);
-    out.fraction = crossing_fractions<T>(out.topology, sdf, cut);
+    out.fraction = detail::crossing_fractions<T>(out.topology, sdf, cut);
     out.positions = interpolate<T>(out.topology, out.fraction, vertices);
     return out;
 }
@@ -296,12 +304,16 @@ struct SurfaceInputs {
     ColumnsView<T> features;  ///< C x V, C may be 0
 };
 
+namespace detail {
+
 /// Cotangents at the surface's vertices.
 template <Scalar T>
 struct SurfaceCotangent {
     ColumnsView<T> positions;  ///< 3 x M
     ColumnsView<T> features;   ///< C x M, interpolated
 };
+
+} // namespace detail
 
 /// Gradients of a surface's inputs.
 template <Scalar T>
@@ -316,8 +328,8 @@ struct SurfaceGradient {
 template <class T, Backend B>
 SurfaceGradient<T> surface_vjp(const B& backend, const Surface<T>& surface,
                                const std::type_identity_t<SurfaceInputs<T>>& in,
-                               const std::type_identity_t<SurfaceCotangent<T>>& g_out,
-                               const EdgeCut& cut = {}) {
+                               const std::type_identity_t<detail::SurfaceCotangent<T>>& g_out,
+                               const detail::EdgeCut& cut = {}) {
     const SurfaceTopology& top = surface.topology;
     const ColumnsView<T>& features = in.features;
     Columns<T> g_fraction = Columns<T>::Zero(1, top.vertex_count());
@@ -328,15 +340,18 @@ SurfaceGradient<T> surface_vjp(const B& backend, const Surface<T>& surface,
     if (features.rows() > 0)
         g.features = interpolate_vjp<T>(backend, top, surface.fraction, features, g_out.features,
                                         g_fraction);
-    crossing_fractions_vjp<T>(top, in.sdf, g_fraction, g.sdf, cut);
+    detail::crossing_fractions_vjp<T>(top, in.sdf, g_fraction, g.sdf, cut);
     return g;
 }
 /// Does the same on the calling thread.
 template <class T>
 SurfaceGradient<T> surface_vjp(const Surface<T>& surface, const SurfaceInputs<T>& in,
-                               const SurfaceCotangent<T>& g_out, const EdgeCut& cut = {}) {
+                               const detail::SurfaceCotangent<T>& g_out,
+                               const detail::EdgeCut& cut = {}) {
     return surface_vjp<T>(ScalarBackend{Serial{}}, surface, in, g_out, cut);
 }
+
+namespace detail {
 
 /// Returns the grid vertices on edges that the surface cuts, ascending. Only they have a gradient,
 /// so networks over the grid need a trace and a backward pass for them alone.
@@ -361,5 +376,7 @@ inline SurfaceTopology over_touched(SurfaceTopology surface, const std::vector<I
         for (Index& v : e) v = place[static_cast<std::size_t>(v)];
     return surface;
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -31,6 +31,8 @@ Vec3<T> area_vector(const Vec3<T>& a, const Vec3<T>& b, const Vec3<T>& c) {
     return cross<T>(Vec3<T>(b - a), Vec3<T>(c - a));
 }
 
+namespace detail {
+
 /// Returns the number of faces at each vertex.
 inline std::vector<Index> face_counts(Index vertex_count, const std::vector<Face>& faces) {
     std::vector<Index> counts(static_cast<std::size_t>(vertex_count), 0);
@@ -39,11 +41,13 @@ inline std::vector<Index> face_counts(Index vertex_count, const std::vector<Face
     return counts;
 }
 
+} // namespace detail
+
 /// Returns the Laplacian, D x V, in units of the vertices: at vertex i the sum over its n_i faces
 /// (i, j, k) of (x_j - x_i) + (x_k - x_i), divided by 2 n_i; 0 at a vertex without faces.
 template <class T>
 Columns<T> uniform_laplacian(const ColumnsView<T>& vertices, const std::vector<Face>& faces) {
-    const std::vector<Index> counts = face_counts(vertices.cols(), faces);
+    const std::vector<Index> counts = detail::face_counts(vertices.cols(), faces);
     Columns<T> sum = Columns<T>::Zero(vertices.rows(), vertices.cols());
     for (const auto& [i, j, k] : faces)
         for (Index r = 0; r < vertices.rows(); ++r) {
@@ -64,7 +68,7 @@ Columns<T> uniform_laplacian(const ColumnsView<T>& vertices, const std::vector<F
 /// Returns the gradient of the vertices, D x V, given that of the Laplacian, D x V.
 template <class T>
 Columns<T> laplacian_vjp(const std::vector<Face>& faces, const ColumnsView<T>& g_laplacian) {
-    const std::vector<Index> counts = face_counts(g_laplacian.cols(), faces);
+    const std::vector<Index> counts = detail::face_counts(g_laplacian.cols(), faces);
     Columns<T> w = g_laplacian;
     for (Index i = 0; i < w.cols(); ++i) {
         const Index n = counts[static_cast<std::size_t>(i)];

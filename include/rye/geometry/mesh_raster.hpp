@@ -54,6 +54,8 @@ struct MeshRaster {
     MeshRasterSettings settings;
 };
 
+namespace detail {
+
 /// Gradients of the images of a MeshRaster; null means 0.
 template <Scalar T>
 struct MeshRasterCotangent {
@@ -61,6 +63,8 @@ struct MeshRasterCotangent {
     const Columns<T>* silhouette = nullptr;  ///< 1 x pixels
     const Columns<T>* depth = nullptr;       ///< 1 x pixels
 };
+
+} // namespace detail
 
 /// Gradients of a mesh's vertices and attributes.
 template <Scalar T>
@@ -157,6 +161,8 @@ struct AttributeMesh {
     ColumnsView<T> attributes;       ///< C x M
 };
 
+namespace detail {
+
 /// Rasterizes a mesh into `out`, whose memory is used again; without faces the images are empty.
 template <class T, Backend B>
 void rasterize_mesh_into(const B& backend, const AttributeMesh<T>& mesh,
@@ -231,13 +237,16 @@ void rasterize_mesh_into(const B& backend, const AttributeMesh<T>& mesh,
                 out.screen, {trace, i, width, settings.silhouette.sharpness}));
     });
 }
+
+} // namespace detail
+
 /// Returns the images of a mesh; without faces they are empty.
 template <class T, Backend B>
 MeshRaster<T> rasterize_mesh(const B& backend, const AttributeMesh<T>& mesh,
                              const Pinhole<real_t<T>>& camera,
                              const MeshRasterSettings& settings = {}) {
     MeshRaster<T> out;
-    rasterize_mesh_into(backend, mesh, camera, settings, out);
+    detail::rasterize_mesh_into(backend, mesh, camera, settings, out);
     return out;
 }
 
@@ -287,8 +296,8 @@ template <class T, Backend B>
 MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& raster,
                                          const AttributeMesh<T>& mesh,
                                          const Pinhole<real_t<T>>& camera,
-                                         const MeshRasterCotangent<T>& g) {
-    using W = widened_t<T>;
+                                         const detail::MeshRasterCotangent<T>& g) {
+    using W = detail::widened_t<T>;
     const std::vector<Face>& faces = mesh.faces;
     const ColumnsView<T>& attributes = mesh.attributes;
     const Pinhole<double> view = camera.template cast<double>();
@@ -296,7 +305,8 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& 
     const int width = raster.mask.width;
     std::vector<detail::VertexShares<T>> bands(raster.silhouettes.size());
     for_chunks(
-        backend.threads, raster.mask.height, FaceBands::rows, [&](Index y0, Index y1, Index band) {
+        backend.threads, raster.mask.height, detail::FaceBands::rows,
+        [&](Index y0, Index y1, Index band) {
             detail::VertexShares<T>& sums = bands[static_cast<std::size_t>(band)];
             sums = {points.cols(), g.attributes ? attributes.rows() : 0};
             for (Index p = y0 * width; p < y1 * width; ++p) {
@@ -306,13 +316,14 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& 
                 const double ray[2] = {(static_cast<double>(p % width) + 0.5 - view.cx) / view.fx,
                                        (static_cast<double>(p / width) + 0.5 - view.cy) / view.fy};
                 const detail::PixelFace<W> at(points, f, ray[0], ray[1]);
-                const W g_depth = g.depth ? scalar_cast<W>((*g.depth)(0, p)) : W(0);
+                const W g_depth = g.depth ? detail::scalar_cast<W>((*g.depth)(0, p)) : W(0);
                 std::array<W, 3> g_b;
                 W mean(0);
                 for (std::size_t k = 0; k < 3; ++k) {
                     g_b[k] = g_depth * points(2, f[k]);
                     if (g.attributes)
-                        g_b[k] += scalar_cast<W>(T(g.attributes->col(p).dot(attributes.col(f[k]))));
+                        g_b[k] += detail::scalar_cast<W>(
+                            T(g.attributes->col(p).dot(attributes.col(f[k]))));
                     mean += g_b[k] * at.barycentric[k];
                 }
                 std::array<Vec2<W>, 3> g_r;
@@ -337,7 +348,7 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& 
             if (!g.silhouette) return;
             const SilhouetteTrace& trace = raster.silhouettes[static_cast<std::size_t>(band)];
             for (std::size_t i = 0; i < trace.pixel.size(); ++i) {
-                const W g_soft = scalar_cast<W>((*g.silhouette)(0, trace.pixel[i]));
+                const W g_soft = detail::scalar_cast<W>((*g.silhouette)(0, trace.pixel[i]));
                 if (value_of(g_soft) == 0) continue;
                 silhouette_vjp(raster.screen,
                                {trace, i, width, raster.settings.silhouette.sharpness}, g_soft,

@@ -18,6 +18,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Points of a cloud by cells of a uniform grid. Keeps a reference to the points, 3 x N, N > 0.
 template <Real T>
 class PointGrid {
@@ -111,6 +113,8 @@ class PointGrid {
     std::vector<Index> begin_, order_; ///< start of each cell's points in `order`, cells^3 + 1
 };
 
+} // namespace detail
+
 /// Returns the mean squared distance of each point (3 x N) to its `k` nearest others, 1 x N; with
 /// fewer than k others, to all of them; 0 for a single point; the largest number if it is beyond
 /// the range.
@@ -119,7 +123,7 @@ Columns<T> mean_squared_neighbour_distance(const B& backend, const Columns<T>& p
     const Index n = points.cols();
     Columns<T> result = Columns<T>::Zero(1, n);
     if (n < 2) return result;
-    const PointGrid<T> grid(points);
+    const detail::PointGrid<T> grid(points);
     const std::size_t wanted = static_cast<std::size_t>(std::min<Index>(k, n - 1));
     for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
         std::vector<T> best;

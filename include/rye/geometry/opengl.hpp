@@ -29,11 +29,11 @@ enum class ClipDepth {
     one_to_zero       ///< near 1, far 0: reversed, for precision; far may be infinite
 };
 
+namespace detail {
+
 /// Largest error of a view's rotation (entries of R R' - I), and of the entries that a pinhole
 /// camera's projection lacks, relative to the matrix's last row: it admits rounding of floats.
 inline constexpr double opengl_tolerance = 1e-4;
-
-namespace detail {
 
 template <Real T>
 void check_view(const Mat<T, 4, 4>& view) {
@@ -98,13 +98,13 @@ Pinhole<T> pinhole_from_opengl(const Mat<T, 4, 4>& view, const Mat<T, 4, 4>& pro
         return "the projection's last row is " + s;
     };
     const T most = std::max(std::abs(into), std::abs(projection(3, 3)));
-    require(std::abs(into) > T(opengl_tolerance) * most && most > T(0), who, row,
+    require(std::abs(into) > T(detail::opengl_tolerance) * most && most > T(0), who, row,
             ", expected a multiple of (0, 0, -1, 0): this one is orthographic");
     require(into > T(0), who, row,
             ", expected a positive multiple of (0, 0, -1, 0): this one is left-handed");
     const Mat<T, 4, 4> p = projection / into;
     for (const int j : {0, 1, 3})
-        require(std::abs(p(3, j)) <= T(opengl_tolerance), who, row,
+        require(std::abs(p(3, j)) <= T(detail::opengl_tolerance), who, row,
                 ", expected a multiple of (0, 0, -1, 0)");
     detail::check_projection<T>(p);
 

@@ -20,9 +20,12 @@ namespace rye {
 /// nearly equal numbers: everything is kept widened (double for float).
 template <Scalar T>
 struct ScreenMesh {
-    Columns<widened_t<T>> camera;  ///< 3 x M, camera frame
-    Columns<widened_t<T>> image;   ///< 2 x M [px]; 0 for vertices that are not beyond near_depth
+    Columns<detail::widened_t<T>> camera; ///< 3 x M, camera frame
+    Columns<detail::widened_t<T>>
+        image; ///< 2 x M [px]; 0 for vertices that are not beyond near_depth
 };
+
+namespace detail {
 
 /// Screen-space properties of a face, from values alone.
 struct ScreenFace {
@@ -32,12 +35,8 @@ struct ScreenFace {
     bool in_front = false;  ///< all three corners are finite and beyond near_depth
 };
 
-namespace detail {
-
 /// Vertices or faces of a task.
 inline constexpr Index screen_grain = 512;
-
-} // namespace detail
 
 /// Pixels whose centres lie in [lo, hi], clamped to 0 ... n - 1; empty if first > last.
 struct PixelRange {
@@ -49,17 +48,20 @@ inline PixelRange pixel_range(double lo, double hi, int n) {
             static_cast<int>(std::floor(std::clamp(hi - 0.5, -1.0, n - 1.0)))};
 }
 
+} // namespace detail
+
 /// Returns the vertices (3 x M, world) as a camera sees them.
 template <class T, Threads P>
 ScreenMesh<T> screen_mesh(const P& threads, const ColumnsView<T>& vertices,
                           const Pinhole<real_t<T>>& view) {
-    using W = widened_t<T>;
+    using W = detail::widened_t<T>;
     const Pinhole<double> p = view.template cast<double>();
     const Mat3<double>& r = p.camera_from_world.rotation;
     ScreenMesh<T> out{Columns<W>(3, vertices.cols()), Columns<W>::Zero(2, vertices.cols())};
     const auto project = [&](Index i) {
-        const W x = scalar_cast<W>(T(vertices(0, i))), y = scalar_cast<W>(T(vertices(1, i))),
-                z = scalar_cast<W>(T(vertices(2, i)));
+        const W x = detail::scalar_cast<W>(T(vertices(0, i))),
+                y = detail::scalar_cast<W>(T(vertices(1, i))),
+                z = detail::scalar_cast<W>(T(vertices(2, i)));
         for (int d = 0; d < 3; ++d)
             out.camera(d, i) = W(r(d, 0)) * x + W(r(d, 1)) * y + W(r(d, 2)) * z +
                                W(p.camera_from_world.translation[d]);
@@ -78,9 +80,9 @@ ScreenMesh<T> screen_mesh(const P& threads, const ColumnsView<T>& vertices,
 /// image points, 2 x M, the latter being 0 for vertices that are not beyond near_depth.
 template <class T, Threads P>
 Columns<T> screen_mesh_vjp(const P& threads, const ScreenMesh<T>& mesh,
-                           const Pinhole<real_t<T>>& view, Columns<widened_t<T>> g_camera,
-                           const Columns<widened_t<T>>& g_image) {
-    using W = widened_t<T>;
+                           const Pinhole<real_t<T>>& view, Columns<detail::widened_t<T>> g_camera,
+                           const Columns<detail::widened_t<T>>& g_image) {
+    using W = detail::widened_t<T>;
     const Pinhole<double> p = view.template cast<double>();
     const Mat3<double>& r = p.camera_from_world.rotation;
     Columns<T> g(3, g_camera.cols());
@@ -93,14 +95,17 @@ Columns<T> screen_mesh_vjp(const P& threads, const ScreenMesh<T>& mesh,
             g_camera(2, i) -= (gx * mesh.camera(0, i) + gy * mesh.camera(1, i)) * iz;
         }
         for (int d = 0; d < 3; ++d)
-            g(d, i) = scalar_cast<T>(W(W(r(0, d)) * g_camera(0, i) + W(r(1, d)) * g_camera(1, i) +
-                                       W(r(2, d)) * g_camera(2, i)));
+            g(d, i) =
+                detail::scalar_cast<T>(W(W(r(0, d)) * g_camera(0, i) + W(r(1, d)) * g_camera(1, i) +
+                                         W(r(2, d)) * g_camera(2, i)));
     };
     for_chunks(threads, g.cols(), detail::screen_grain, [&](Index b, Index e, Index) {
         for (Index i = b; i < e; ++i) pull(i);
     });
     return g;
 }
+
+namespace detail {
 
 /// Returns the box, area and side of each face.
 template <class T, Threads P>
@@ -209,5 +214,7 @@ FaceBands face_bands(const P& threads, const std::vector<ScreenFace>& faces,
     });
     return out;
 }
+
+} // namespace detail
 
 } // namespace rye

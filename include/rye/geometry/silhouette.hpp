@@ -79,7 +79,7 @@ Vec2<widened_t<T>> to_outline(const ScreenMesh<T>& mesh, const SilhouetteTrace::
 /// Finds the contributing faces of one band; `covered` has one entry per pixel of the band. The
 /// band's faces are ordered by index.
 template <class T>
-SilhouetteTrace silhouette_trace(const ScreenFaces<T>& screen, const FaceBand& band,
+SilhouetteTrace silhouette_trace(const detail::ScreenFaces<T>& screen, const detail::FaceBand& band,
                                  const std::vector<std::uint8_t>& covered, int width,
                                  const SilhouetteSettings& settings) {
     const int row = band.row, rows = band.rows;
@@ -103,10 +103,11 @@ SilhouetteTrace silhouette_trace(const ScreenFaces<T>& screen, const FaceBand& b
     std::vector<int> count(covered.size(), 0);
     const double reach = settings.pixels(width);
     for (const Index* f = band.first; f != band.last; ++f) {
-        const ScreenFace& box = screen.boxes[static_cast<std::size_t>(*f)];
-        const PixelRange xs = pixel_range(box.left - reach, box.right + reach, width);
-        const PixelRange ys =
-            pixel_range(box.top - reach - row, box.bottom + reach - row, rows);
+        const detail::ScreenFace& box = screen.boxes[static_cast<std::size_t>(*f)];
+        const detail::PixelRange xs =
+            detail::pixel_range(box.left - reach, box.right + reach, width);
+        const detail::PixelRange ys =
+            detail::pixel_range(box.top - reach - row, box.bottom + reach - row, rows);
         if (xs.first > xs.last || ys.first > ys.last) continue;
         if (open_at(xs.last + 1, ys.last + 1) - open_at(xs.first, ys.last + 1) -
                 open_at(xs.last + 1, ys.first) + open_at(xs.first, ys.first) == 0)
@@ -141,6 +142,8 @@ SilhouetteTrace silhouette_trace(const ScreenFaces<T>& screen, const FaceBand& b
     return out;
 }
 
+namespace detail {
+
 /// Pixel of a trace, and the image's width.
 struct SilhouettePixel {
     const SilhouetteTrace& trace;
@@ -149,10 +152,13 @@ struct SilhouettePixel {
     double sharpness;  ///< SilhouetteSettings::sharpness
 };
 
+} // namespace detail
+
 /// Returns the soft mask of a pixel: s <- s + p (1 - s) keeps a small union accurate.
 template <class T>
-widened_t<T> silhouette_value(const ScreenMesh<T>& mesh, const SilhouettePixel& pixel) {
-    using W = widened_t<T>;
+detail::widened_t<T> silhouette_value(const ScreenMesh<T>& mesh,
+                                      const detail::SilhouettePixel& pixel) {
+    using W = detail::widened_t<T>;
     using std::exp;
     const SilhouetteTrace& trace = pixel.trace;
     W s(0);
@@ -168,9 +174,9 @@ widened_t<T> silhouette_value(const ScreenMesh<T>& mesh, const SilhouettePixel& 
 /// ds/dp_k is the product of the other (1 - p), accumulated from both ends to avoid a division by
 /// 1 - p, which may be 0.
 template <class T, class Add>
-void silhouette_vjp(const ScreenMesh<T>& mesh, const SilhouettePixel& pixel,
-                    const widened_t<T>& g, Add&& add) {
-    using W = widened_t<T>;
+void silhouette_vjp(const ScreenMesh<T>& mesh, const detail::SilhouettePixel& pixel,
+                    const detail::widened_t<T>& g, Add&& add) {
+    using W = detail::widened_t<T>;
     using std::exp;
     const SilhouetteTrace& trace = pixel.trace;
     const std::size_t begin = static_cast<std::size_t>(trace.begin[pixel.index]);

@@ -95,19 +95,19 @@ struct PathPlane {
     }
 };
 
-} // namespace detail
-
 /// Sphere about the origin, and the refractive index of its inside over the eye's (1: a mirror).
 template <Scalar T>
 struct OpticalSphere {
     T radius, index;
 };
 
+} // namespace detail
+
 /// Returns the path from a source to an eye by way of the sphere. The eye must be outside. Uses a
 /// bracketed Newton's method on values; a final step carries the derivatives.
 template <Scalar T>
 RYE_HD SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source,
-                                 const OpticalSphere<std::type_identity_t<T>>& sphere) {
+                                 const detail::OpticalSphere<std::type_identity_t<T>>& sphere) {
     using R = real_t<T>;
     const T &radius = sphere.radius, &index = sphere.index;
     const auto values = [](const Vec3<T>& x) {
@@ -138,6 +138,8 @@ RYE_HD SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source,
     if (p.source > R(0)) last = last - (exact.at(T(w)).balance) / T(p.slope);
     return {exact.at(last).at, seen};
 }
+
+namespace detail {
 
 /// Cotangents of both ends of a path.
 template <Scalar T>
@@ -181,5 +183,7 @@ RYE_HD SpherePathCotangent<T> sphere_path_vjp(const Vec3<T>& eye, const Vec3<T>&
     }
     return r;
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -20,9 +20,13 @@ namespace rye {
 
 using Tet = std::array<Index, 4>;  ///< vertices (a, b, c, d)
 
+namespace detail {
+
 /// Corners of a tetrahedron's six edges, in the order of every table of edges.
 inline constexpr std::array<std::array<std::size_t, 2>, 6> tet_edge_corners{
     {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}}};
+
+} // namespace detail
 
 /// Vertices of each tetrahedron, and the list of unique edges.
 struct TetTopology {
@@ -48,8 +52,8 @@ inline TetTopology tet_topology(Index vertex_count, std::vector<Tet> tets) {
     std::vector<Index> begin(at(vertex_count) + 1, 0);
     const auto for_edges = [&](const Tet& tet, auto&& f) {
         for (std::size_t e = 0; e < 6; ++e) {
-            const auto [lo, hi] =
-                std::minmax(tet[tet_edge_corners[e][0]], tet[tet_edge_corners[e][1]]);
+            const auto [lo, hi] = std::minmax(tet[detail::tet_edge_corners[e][0]],
+                                              tet[detail::tet_edge_corners[e][1]]);
             f(e, Index{lo}, Index{hi});
         }
     };

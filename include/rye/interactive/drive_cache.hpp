@@ -109,7 +109,7 @@ class DriveCache {
 
   private:
     static constexpr bool has_attributes = has_effect<E, ReadsFaceRamp>;
-    using Highlights = KeptHighlights<T, E>;
+    using Highlights = detail::KeptHighlights<T, E>;
 
     /// Squashed outputs of one driver's networks, a column per influenced point.
     struct Outputs {
@@ -169,12 +169,12 @@ class DriveCache {
             face_.feature = face.rest_color;
         else
             face_.feature.setZero();
-        const DrawnAttributes<T> drawn{face_.scale, face_.rotation, face_.opacity};
+        const detail::DrawnAttributes<T> drawn{face_.scale, face_.rotation, face_.opacity};
         if constexpr (has_attributes) {
             attributes_.setZero(8, n);
-            activate_into(backend_, raw_attributes(face), drawn, attributes_);
+            detail::activate_into(backend_, detail::raw_attributes(face), drawn, attributes_);
         } else {
-            activate_into(backend_, raw_attributes(face), drawn);
+            detail::activate_into(backend_, detail::raw_attributes(face), drawn);
         }
     }
 
@@ -203,8 +203,8 @@ class DriveCache {
     void light(const Changes& c, [[maybe_unused]] const Drivers<T, E>& drivers) {
         if (!c.light) return;
         if constexpr (has_effect<E, HeadShading>)
-            shading_gain(backend_, avatar_->shading,
-                         Vec3<T>(drivers.pose.template head<3>()), gain_);
+            detail::shading_gain(backend_, avatar_->shading,
+                                 Vec3<T>(drivers.pose.template head<3>()), gain_);
         work_.lit = gain_.cols();
     }
 
@@ -212,7 +212,7 @@ class DriveCache {
     void sum_face(const Changes& c) {
         const FaceStream<T, E>& face = avatar_->face;
         const bool attributes = has_attributes && c.attributes();
-        const Reached& r = reached_by(c);
+        const detail::Reached& r = reached_by(c);
         const auto for_points = [&](const auto& f) {
             for_chunks(backend_.threads, static_cast<Index>(r.points.size()), 1024,
                        [&](Index b, Index e, Index) {
@@ -243,8 +243,9 @@ class DriveCache {
         if constexpr (has_attributes)
             if (attributes)
                 for_points([&](Index i) {
-                    activate_point(raw_attributes(face), i,
-                                   {face_.scale, face_.rotation, face_.opacity}, attributes_);
+                    detail::activate_point(detail::raw_attributes(face), i,
+                                           {face_.scale, face_.rotation, face_.opacity},
+                                           attributes_);
                 });
         work_.summed = static_cast<Index>(r.points.size());
         if (c.moves_all())
@@ -296,23 +297,25 @@ class DriveCache {
         if (!same_bits(centre, centre_)) moved = {true, true};
         centre_ = centre;
         const Index points = eyes.position.cols();
-        const GaussianArrays<T> to = columns_from(arrays_of(world_), {rest_->count, points});
+        const detail::GaussianArrays<T> to =
+            detail::columns_from(arrays_of(world_), {rest_->count, points});
         if (c.first || c.scale)
             with_head([&](const auto&... head) {
                 for_each(backend_, points,
-                         SizeEyePoint<T, E>{arrays_of(eyes), to, head_address<T>(head...)});
+                         detail::SizeEyePoint<T, E>{arrays_of(eyes), to,
+                                                    detail::head_address<T>(head...)});
             });
         for_eyes([&]<std::size_t eye>() {
             constexpr Index e = static_cast<Index>(eye);
             const Index first = eyes.first_point(e), n = eyes.points_of(e);
             if (!moved[eye]) return;
             placed_[eye] = with_head([&](const auto&... head) {
-                return placed_eye<eye>(eyes, Vec3<T>(centre_.col(e)), drivers, head...);
+                return detail::placed_eye<eye>(eyes, Vec3<T>(centre_.col(e)), drivers, head...);
             });
             for_each(backend_, n,
-                     PlaceEyePoint<T>{arrays_of(eyes).from(first),
-                                      eyes.position.data() + 3 * first,
-                                      columns_from(to, {first, n}), &placed_[eye]});
+                     detail::PlaceEyePoint<T>{arrays_of(eyes).from(first),
+                                              eyes.position.data() + 3 * first,
+                                              detail::columns_from(to, {first, n}), &placed_[eye]});
             ++work_.eyes;
         });
         const std::array<bool, 2> coloured = write_eye_features(c, drivers, moved);
@@ -331,13 +334,13 @@ class DriveCache {
         std::array<bool, 2> which{}, written{}, driven{};
         for (std::size_t eye = 0; eye < 2; ++eye) {
             const bool gaze = c.driver[2 + eye], relit = shines && (c.view || moved[eye]);
-            driven[eye] = drives_features<EyeAppearanceOf<E>>(eyes.appearance(), eye);
+            driven[eye] = detail::drives_features<EyeAppearanceOf<E>>(eyes.appearance(), eye);
             written[eye] = c.first || (c.light && !shines) ||
                            (driven[eye] && (c.attributes() || gaze)) ||
                            (GazeMechanismOf<E>::changes_features && gaze);
             which[eye] = written[eye] || c.light || relit;
         }
-        if constexpr (!eyes_apart<E>)
+        if constexpr (!detail::eyes_apart<E>)
             if (written[0] || written[1] ||
                 ((driven[0] || driven[1]) && (c.driver[2] || c.driver[3])))
                 which = written = {true, true};
@@ -364,7 +367,7 @@ class DriveCache {
     }
 
     /// Returns the points that a set of drivers influences; computed once per set.
-    const Reached& reached_by(const Changes& c) {
+    const detail::Reached& reached_by(const Changes& c) {
         std::size_t set = 0;
         for (std::size_t d = 0; d < face_drivers; ++d) set |= std::size_t(c.driver[d]) << d;
         auto& r = reached_[set];
@@ -377,10 +380,10 @@ class DriveCache {
     const AvatarConfig* config_;
     const LandmarkRoles* roles_;
     std::optional<RestPose<T, E>> rest_;
-    std::array<std::optional<Reached>, 16> reached_;
+    std::array<std::optional<detail::Reached>, 16> reached_;
     std::optional<Drivers<T, E>> last_;
     FrameCode<T, E> code_;
-    [[no_unique_address]] HeadSlot<T, E> head_;
+    [[no_unique_address]] detail::HeadSlot<T, E> head_;
     std::array<Outputs, face_drivers> outputs_;
     Columns<T> attributes_;     ///< summed steps, 8 x N
     Columns<T> gain_;           ///< of the light, 3 x (N + 2)

@@ -31,7 +31,7 @@ namespace rye {
 template <Backend B, AccuracyPolicy A, Real T, EffectSet E = PaperEffects>
     requires KeptFromFrameToFrame<E>
 class FrameCache {
-    static_assert(std::same_as<UpsamplerOf<T, E>, Upsampler<T>>,
+    static_assert(std::same_as<detail::UpsamplerOf<T, E>, Upsampler<T>>,
                   "FrameCache: an upsampler of one's own is not kept from frame to frame");
 
   public:
@@ -105,7 +105,7 @@ class FrameCache {
 
     const DriveCache<B, T, E>& drive() const { return drive_; }
     const Redraw<B, A, T>& render() const { return redraw_; }
-    const UpsamplerCache<B, T>& upsampler() const { return upsampler_; }
+    const detail::UpsamplerCache<B, T>& upsampler() const { return upsampler_; }
     std::size_t bytes() const { return drive_.bytes() + redraw_.bytes() + upsampler_.bytes(); }
 
   private:
@@ -130,7 +130,7 @@ class FrameCache {
     const Avatar* avatar_;
     DriveCache<B, T, E> drive_;
     Redraw<B, A, T> redraw_;
-    UpsamplerCache<B, T> upsampler_;
+    detail::UpsamplerCache<B, T> upsampler_;
     std::optional<Shown> shown_;
     Stale picture_ = Stale::whole;
     Region stale_{0, 0};                  ///< dirty part for Stale::region

@@ -5,7 +5,7 @@
 
 #include <rye/avatar/eye_stream.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Colours of both eyes before their highlights. Empty, and nothing is done, for an avatar without
 /// lights.
@@ -46,4 +46,4 @@ class KeptHighlights {
     Columns<T> plain_; ///< C x P
 };
 
-} // namespace rye
+} // namespace rye::detail

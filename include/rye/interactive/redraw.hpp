@@ -61,7 +61,7 @@ class Redraw {
         const RasterTrace<T>& trace = raster_.trace;
         key_.resize(trace.members.size());
         for (std::size_t m = 0; m < key_.size(); ++m)
-            key_[m] = depth_key(trace.members[m].splat.depth);
+            key_[m] = detail::depth_key(trace.members[m].splat.depth);
         moved_.assign(key_.size(), 0);
         every_tile();
         count(g.count());
@@ -142,7 +142,7 @@ class Redraw {
         each_tile_row<A::support, T>(
             camera_.width, camera_.height, scratch.candidates[k].rows,
             [&]() -> const Footprint<T>& { return scratch.footprints[k]; },
-            [&](const TileRowSpan& s) {
+            [&](const detail::TileRowSpan& s) {
                 for (int x = s.begin; x < s.end; ++x) f(at(s.row * columns + x));
             });
     }
@@ -192,7 +192,7 @@ class Redraw {
         cursor_.assign(lists.begin.begin(), lists.begin.end() - 1);
         const auto bin = [&](const RasterScratch<T>& from, std::size_t k) {
             each_tile(from, k, [&](std::size_t t) {
-                if (tiles_[t].mask != TileChange::whole_tile)
+                if (tiles_[t].mask != detail::TileChange::whole_tile)
                     few_.members[at(cursor_[t]++)] = from.candidates[k];
             });
         };
@@ -201,17 +201,17 @@ class Redraw {
             if (part_scratch_.state[k] == Visibility::visible) bin(part_scratch_, k);
         }
         const Scene<T> scene = rasterizer_.scene_of(part_, camera_, background_, few_);
-        const auto canvas = scratch_.workspaces.template acquire<LaneCanvas<V>>();
-        LaneGroup<V>& group = (*canvas).group;
+        const auto canvas = scratch_.workspaces.template acquire<detail::LaneCanvas<V>>();
+        detail::LaneGroup<V>& group = (*canvas).group;
         for (std::size_t t = 0; t < tiles_.size(); ++t) {
-            if (tiles_[t].mask == TileChange::whole_tile) continue;
+            if (tiles_[t].mask == detail::TileChange::whole_tile) continue;
             const Index tile = static_cast<Index>(t), end = scene.end(tile);
-            const Strips<V> strips(scene, tile);
-            StripMask& mask = found_[tiles_[t].mask];
-            for (Index k = scene.begin(tile); k < end; k += LaneGroup<V>::most) {
-                const Index next = std::min<Index>(end, k + LaneGroup<V>::most);
+            const detail::Strips<V> strips(scene, tile);
+            detail::StripMask& mask = found_[tiles_[t].mask];
+            for (Index k = scene.begin(tile); k < end; k += detail::LaneGroup<V>::most) {
+                const Index next = std::min<Index>(end, k + detail::LaneGroup<V>::most);
                 group.template fill<0>(scene, strips, scene.top(tile), k, next);
-                for (int s = 0; s < Strips<V>::count; ++s)
+                for (int s = 0; s < detail::Strips<V>::count; ++s)
                     if (group.reaching[s] != 0) mask.set(s);
             }
         }
@@ -232,7 +232,7 @@ class Redraw {
         drawn = part_scratch_.candidates[k];
         drawn.source = static_cast<std::uint32_t>(i);
         scratch_.footprints[at(i)] = part_scratch_.footprints[k];
-        const Key key = depth_key(drawn.splat.depth);
+        const Key key = detail::depth_key(drawn.splat.depth);
         if (member(i) == no_member) {
             trace.member[at(i)] = static_cast<std::uint32_t>(trace.members.size());
             trace.members.push_back(drawn);
@@ -255,7 +255,7 @@ class Redraw {
         order_buffer_.resize(order_.size());
         sort_by_key(order_.data(), order_buffer_.data(), static_cast<Index>(order_.size()));
         std::uint32_t sum = 0;
-        for (TileChange& t : tiles_) {
+        for (detail::TileChange& t : tiles_) {
             t.fresh = sum;
             sum += t.entered;
         }
@@ -266,7 +266,7 @@ class Redraw {
             each_tile(scratch_, at(i),
                       [&](std::size_t t) { fresh_[tiles_[t].fresh++] = {m, 0}; });
         }
-        for (TileChange& t : tiles_) t.fresh -= t.entered;
+        for (detail::TileChange& t : tiles_) t.fresh -= t.entered;
     }
 
     /// Builds the new lists: old entries that stayed, merged with those that enter.
@@ -291,15 +291,15 @@ class Redraw {
         std::swap(old.entry, next_.entry);
         for (std::size_t t = 0; t < tiles_.size(); ++t) {
             if (!tiles_[t].redraw) continue;
-            const bool whole = tiles_[t].mask == TileChange::whole_tile;
+            const bool whole = tiles_[t].mask == detail::TileChange::whole_tile;
             if (!whole && found_[tiles_[t].mask].none()) continue;
             blended_.push_back(static_cast<Index>(t));
-            drawn_strips_.push_back(whole ? all_strips : found_[tiles_[t].mask]);
+            drawn_strips_.push_back(whole ? detail::all_strips : found_[tiles_[t].mask]);
         }
     }
 
     void merge_list(std::size_t t) {
-        TileChange& change = tiles_[t];
+        detail::TileChange& change = tiles_[t];
         const TileLists& old = raster_.trace.lists;
         using Entry = TileLists::Entry;
         const Entry* const from = old.entry.data() + old.begin[t];
@@ -310,7 +310,7 @@ class Redraw {
             return;
         }
         const Index before = end - from;
-        const Index same = merge_entries<Entry>(
+        const Index same = detail::merge_entries<Entry>(
             {from, end}, {fresh_.data() + change.fresh, change.entered}, to,
             [&](const Entry& e) { return moved_[e.member] != 0; },
             [&](const Entry& x, const Entry& y) { return nearer(x.member, y.member); });
@@ -329,7 +329,7 @@ class Redraw {
     void every_tile() {
         blended_.clear();
         for (Index t = 0; t < raster_.trace.lists.tiles(); ++t) blended_.push_back(t);
-        drawn_strips_.assign(blended_.size(), all_strips);
+        drawn_strips_.assign(blended_.size(), detail::all_strips);
     }
 
     void blend(const Gaussians<T>& g, Index projected) {
@@ -348,17 +348,17 @@ class Redraw {
         const TileLists& lists = raster_.trace.lists;
         for (std::size_t k = 0; k < blended_.size(); ++k) {
             const Index t = blended_[k];
-            const int x = static_cast<int>(t % lists.columns) * tile_edge;
-            const int y = static_cast<int>(t / lists.columns) * tile_edge;
-            const StripMask& strips = drawn_strips_[k];
-            if (strips.words == all_strips.words) {
+            const int x = static_cast<int>(t % lists.columns) * detail::tile_edge;
+            const int y = static_cast<int>(t / lists.columns) * detail::tile_edge;
+            const detail::StripMask& strips = drawn_strips_[k];
+            if (strips.words == detail::all_strips.words) {
                 ++work_.whole;
-                region_.add({x, y, x + tile_edge, y + tile_edge});
+                region_.add({x, y, x + detail::tile_edge, y + detail::tile_edge});
                 continue;
             }
             raster_.trace.used[at(t)] = lists.begin[at(t) + 1] - lists.begin[at(t)];
             if constexpr (LaneBackend<B, T>) {
-                using S = Strips<typename B::template batch<T>>;
+                using S = detail::Strips<typename B::template batch<T>>;
                 for (int s = 0; s < S::count; ++s) {
                     const int left = x + S::side(s) * S::wide, top = y + S::row(s);
                     if (strips.has(s)) region_.add({left, top, left + S::wide, top + S::high});
@@ -376,15 +376,15 @@ class Redraw {
     VecX<T> background_;
     std::vector<Key> key_;             ///< depth of each member
     std::vector<std::uint8_t> moved_;  ///< true for members that changed, during a redraw
-    std::vector<TileChange> tiles_;
+    std::vector<detail::TileChange> tiles_;
     std::vector<Keyed<Key>> order_, order_buffer_;  ///< the changed ones, by depth
     std::vector<TileLists::Entry> fresh_;  ///< entries that enter tiles, tile by tile
     TileLists next_;
     RasterTrace<T> few_;               ///< the changes of tiles with few of them
     std::vector<Index> cursor_;
-    std::vector<StripMask> found_;     ///< strips that they overlap
+    std::vector<detail::StripMask> found_; ///< strips that they overlap
     std::vector<Index> blended_;
-    std::vector<StripMask> drawn_strips_;
+    std::vector<detail::StripMask> drawn_strips_;
     Region region_{0, 0};
     RedrawWork work_;
     bool drawn_ = false;

@@ -9,7 +9,7 @@
 
 #include <rye/core/config.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Changes of one tile's list.
 struct TileChange {
@@ -53,4 +53,4 @@ Index merge_entries(std::span<const Entry> old, std::span<const Entry> entered, 
     return same;
 }
 
-} // namespace rye
+} // namespace rye::detail

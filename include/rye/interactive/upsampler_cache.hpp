@@ -12,7 +12,7 @@
 #include <rye/core/region.hpp>
 #include <rye/nn/upsampler.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Returns true if a change of the input affects only pixels nearby.
 inline bool is_local(const UpsamplerShape& s) {
@@ -159,4 +159,4 @@ class UpsamplerCache {
     Index pixels_ = 0;
 };
 
-} // namespace rye
+} // namespace rye::detail

@@ -86,7 +86,7 @@ template <Real T>
 std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvatar<T>& p,
                            AvatarPrecision precision = AvatarPrecision::half) {
     const std::string who = path.string() + ": not written";
-    check_playable(who, p);
+    detail::check_playable(who, p);
     detail::check_networks(who, p.avatar, p.config);
     std::deque<Columns<float>> wide; // arrays that the entries refer to
     std::deque<Columns<Eigen::half>> narrow;
@@ -121,7 +121,7 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
         {"format", avatar_format},
         {"version", avatar_version},
         {"name", p.name},
-        {"settings", settings_text({p.config, p.avatar.upsampler.shape})},
+        {"settings", detail::settings_text({p.config, p.avatar.upsampler.shape})},
         {"gaze_axis", p.visual_axes() ? "visual" : "optical"},
         {"eye_appearance", has_driven_eyes(p.avatar) ? "driven" : "free"},
         {"shading", p.avatar.shading.any() ? "head_pose" : "none"},
@@ -155,7 +155,7 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     PlayableAvatar<T> p;
     p.name = file.word("name");
     const AvatarSettings settings =
-        parse_settings(file.word("settings"), who + ": metadata 'settings'");
+        detail::parse_settings(file.word("settings"), who + ": metadata 'settings'");
     p.config = settings.avatar;
     p.expression_names =
         detail::parse_names(file.word("expression_names"), who + ": metadata 'expression_names'");
@@ -234,7 +234,7 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
         },
         scalars);
     detail::set_scalars(scalars, who, p);
-    check_playable(who, p);
+    detail::check_playable(who, p);
     return p;
 }
 

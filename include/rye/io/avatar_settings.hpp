@@ -56,6 +56,8 @@ struct AvatarSettings {
     }
 };
 
+namespace detail {
+
 /// Returns the settings as a JSON object of one line.
 inline std::string settings_text(const AvatarSettings& settings) {
     std::string text = "{";
@@ -79,8 +81,6 @@ inline std::string settings_text(const AvatarSettings& settings) {
     AvatarSettings::fields(write, settings);
     return text + "}";
 }
-
-namespace detail {
 
 /// Reads one setting from its JSON; throws an Error with its name, the value found and its bounds.
 struct SettingReader {
@@ -141,8 +141,6 @@ struct SettingReader {
     }
 };
 
-} // namespace detail
-
 /// Reads settings_text's JSON; throws an Error with the name of the first setting that is missing,
 /// of another type or outside its bounds. Further members are ignored.
 inline AvatarSettings parse_settings(const std::string& text, const std::string& who) {
@@ -155,5 +153,7 @@ inline AvatarSettings parse_settings(const std::string& text, const std::string&
     s.upsampler.in_channels = s.avatar.channels;
     return s;
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -150,8 +150,6 @@ inline Rigid<double> read_extrinsic(const NamedArrays& file) {
     return {r, extrinsic.col(3)};
 }
 
-} // namespace detail
-
 /// Reads the labels of a frame from its folder params/`<frame>`. An npz may take so much memory
 /// [bytes]. Throws an Error for what is missing or wrong.
 inline CaptureFrame read_capture_labels(const std::filesystem::path& params, const std::string& id,
@@ -180,6 +178,8 @@ inline CaptureFrame read_capture_labels(const std::filesystem::path& params, con
     }
     return frame;
 }
+
+} // namespace detail
 
 /// Reads a camera_<name>.npz; its size is not in it. Throws an Error that names file and field.
 inline Pinhole<double> read_view_camera(const std::filesystem::path& path,

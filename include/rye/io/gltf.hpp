@@ -309,7 +309,8 @@ void flip_axes(GaussianCloud<T>& cloud) {
 /// that is not read, and, before they are allocated, for more bytes than `memory`.
 template <Real T>
 GaussianCloud<T> parse_gltf(ByteSpan bytes, const std::string& who,
-                            std::uint64_t memory = default_memory, const GltfBuffer& outside = {}) {
+                            std::uint64_t memory = default_memory,
+                            const detail::GltfBuffer& outside = {}) {
     detail::GltfFile file(bytes, who, memory, outside);
     bool quantized = false;
     if (const JsonValue* value = file.root().find("extensionsRequired"))
@@ -327,7 +328,7 @@ GaussianCloud<T> parse_gltf(ByteSpan bytes, const std::string& who,
     std::uint64_t count = 0;
     int degree = 0;
     for (const detail::GltfPrimitive& p : list) {
-        count = saturated_sum(count, p.count);
+        count = detail::saturated_sum(count, p.count);
         degree = std::max(degree, p.degree);
     }
     constexpr auto most = static_cast<std::uint64_t>(std::numeric_limits<Index>::max());

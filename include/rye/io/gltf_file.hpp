@@ -19,14 +19,12 @@
 #include <rye/core/memory.hpp>
 #include <rye/math/linalg.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Function from the URI of a buffer, which is relative, without percent signs, and its size
 /// [bytes] to its first bytes, so many; errors begin with `who`.
 using GltfBuffer =
     std::function<Bytes(const std::string& uri, std::uint64_t size, const std::string& who)>;
-
-namespace detail {
 
 /// Type of the numbers of an accessor: 5120 signed byte, 5121 byte, 5122 short, 5123 unsigned
 /// short, 5126 float.
@@ -264,6 +262,4 @@ class GltfFile {
     std::map<std::uint64_t, Bytes> buffers_;
 };
 
-} // namespace detail
-
-} // namespace rye
+} // namespace rye::detail

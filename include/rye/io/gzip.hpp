@@ -52,6 +52,8 @@ inline Bytes gzip_bytes(ByteSpan raw, const Deflate& deflate = stored_deflate) {
     return out;
 }
 
+namespace detail {
+
 /// Packed contents of a gzip file of one member.
 struct GzipContents {
     ByteSpan deflated;
@@ -83,11 +85,13 @@ inline GzipContents gzip_contents(ByteSpan file, const std::string& who) {
         crc, size};
 }
 
+} // namespace detail
+
 /// Returns the unpacked data of gzip_contents. Throws an Error for a wrong size or checksum, and,
 /// before they are allocated, for data of more than `memory` bytes.
-inline Bytes gunzip(const GzipContents& contents, const std::string& who,
+inline Bytes gunzip(const detail::GzipContents& contents, const std::string& who,
                     std::uint64_t memory = default_memory) {
-    require_inflatable(contents.deflated, contents.size, who);
+    detail::require_inflatable(contents.deflated, contents.size, who);
     require_memory(contents.size, memory, who, "its data");
     Bytes raw = inflate(contents.deflated, contents.size, who);
     require(crc32(raw) == contents.crc, who,
@@ -98,7 +102,7 @@ inline Bytes gunzip(const GzipContents& contents, const std::string& who,
 /// Returns the data of a gzip file of one member; throws an Error as gzip_contents and the other
 /// overload do.
 inline Bytes gunzip(ByteSpan file, const std::string& who, std::uint64_t memory = default_memory) {
-    return gunzip(gzip_contents(file, who), who, memory);
+    return gunzip(detail::gzip_contents(file, who), who, memory);
 }
 
 } // namespace rye

@@ -199,22 +199,30 @@ private:
 /// Largest ratio of deflate; a header that states more is invalid.
 inline constexpr std::uint64_t max_deflate_ratio = 1032;
 
+namespace detail {
+
 /// Throws an Error if no deflate stream of this length can hold data of the declared size.
 inline void require_inflatable(ByteSpan compressed, std::uint64_t size, const std::string& who) {
     require(size <= compressed.size() * max_deflate_ratio + 64, who, compressed.size(),
             " compressed bytes cannot hold the declared ", size);
 }
 
+} // namespace detail
+
 /// Decompresses a raw deflate stream to exactly `size` bytes; throws an Error otherwise.
 inline Bytes inflate(ByteSpan compressed, std::uint64_t size, const std::string& who) {
-    require_inflatable(compressed, size, who);
+    detail::require_inflatable(compressed, size, who);
     return detail::Inflater(compressed, static_cast<std::size_t>(size), detail::Inflate::whole, who)
         .run();
 }
+
+namespace detail {
 
 /// Returns the first `size` bytes of a raw deflate stream; throws an Error if it has fewer.
 inline Bytes inflate_beginning(ByteSpan compressed, std::size_t size, const std::string& who) {
     return detail::Inflater(compressed, size, detail::Inflate::beginning, who).run();
 }
+
+} // namespace detail
 
 } // namespace rye

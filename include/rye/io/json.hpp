@@ -258,6 +258,8 @@ inline JsonValue parse_json(std::string_view text, const std::string& who,
     return detail::JsonParser(text, who, memory).parse();
 }
 
+namespace detail {
+
 /// Returns the string quoted and escaped.
 inline std::string json_string(std::string_view s) {
     static constexpr std::string_view hex = "0123456789abcdef";
@@ -271,6 +273,8 @@ inline std::string json_string(std::string_view s) {
     return out + '"';
 }
 
+} // namespace detail
+
 /// Returns the value as JSON on one line.
 inline std::string json_text(const JsonValue& value) {
     const auto joined = [](const auto& items, const auto& text_of) {
@@ -281,14 +285,19 @@ inline std::string json_text(const JsonValue& value) {
     if (const auto* b = value.get<bool>()) return *b ? "true" : "false";
     if (const auto* i = value.get<std::int64_t>()) return number_text(*i);
     if (const auto* d = value.get<double>()) return number_text(*d);
-    if (const auto* s = value.get<std::string>()) return json_string(*s);
+    if (const auto* s = value.get<std::string>()) return detail::json_string(*s);
     if (const auto* a = value.get<JsonArray>()) return '[' + joined(*a, json_text) + ']';
     if (const auto* o = value.get<JsonObject>())
-        return '{' + joined(*o, [](const JsonMember& m) {
-            return json_string(m.name) + ':' + json_text(m.value);
-        }) + '}';
+        return '{' +
+               joined(*o,
+                      [](const JsonMember& m) {
+                          return detail::json_string(m.name) + ':' + json_text(m.value);
+                      }) +
+               '}';
     return "null";
 }
+
+namespace detail {
 
 /// Throws an Error, which begins with `who`, for a text that is not UTF-8. parse_json takes any
 /// bytes in strings.
@@ -313,5 +322,7 @@ inline void require_utf8(std::string_view text, const std::string& who) {
         at += length;
     }
 }
+
+} // namespace detail
 
 } // namespace rye

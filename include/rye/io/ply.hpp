@@ -36,8 +36,12 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Log scale of the axis that flat Gaussians (2DGS) do not store: negligibly thin.
 inline constexpr double flat_log_scale = -20;
+
+} // namespace detail
 
 /// Settings of write_ply.
 struct PlyOptions {
@@ -231,7 +235,7 @@ template <Real T>
 GaussianCloud<T> read_ply(std::istream& in, const std::string& name,
                           std::uint64_t memory = default_memory) {
     const std::string who = "read_ply: " + name;
-    const PlyHeader h = read_ply_header(in, who);
+    const detail::PlyHeader h = detail::read_ply_header(in, who);
     const std::int64_t left = detail::bytes_left(in);
     if (left >= 0) return detail::read_ply_body<T>(in, h, left, memory, who);
     std::istringstream held(detail::drained(in, h, memory, who));
@@ -262,7 +266,7 @@ void write_ply(std::ostream& out, const GaussianCloud<T>& cloud, const PlyOption
     if (!options.comment.empty()) header += "comment " + options.comment + "\n";
     header += detail::ply_checksum_line;
     const std::size_t digits = header.size();
-    header += std::string(checksum_digits, '0') + "\n";
+    header += std::string(detail::checksum_digits, '0') + "\n";
     header += "element vertex " + number_text(cloud.count()) + "\n";
     const auto name = [&](const std::string& n) { header += "property float " + n + "\n"; };
     const auto names = [&](const std::string& stem, int count) {
@@ -301,7 +305,7 @@ void write_ply(std::ostream& out, const GaussianCloud<T>& cloud, const PlyOption
     };
     std::uint32_t crc = crc32(std::as_bytes(std::span<const char>(header)));
     for (Index i = 0; i < cloud.count(); ++i) crc = crc32(std::as_bytes(record_of(i)), crc);
-    header.replace(digits, checksum_digits, checksum_text(crc));
+    header.replace(digits, detail::checksum_digits, checksum_text(crc));
     out.write(header.data(), static_cast<std::streamsize>(header.size()));
     for (Index i = 0; i < cloud.count(); ++i) {
         const std::span<const char> bytes = record_of(i);

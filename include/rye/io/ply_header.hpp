@@ -19,7 +19,7 @@
 #include <rye/core/config.hpp>
 #include <rye/core/error.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Number types of PLY.
 enum class PlyType { i8, u8, i16, u16, i32, u32, f32, f64 };
@@ -55,8 +55,6 @@ inline Index ply_size(PlyType type) {
     constexpr std::array<Index, 8> bytes{1, 1, 2, 2, 4, 4, 4, 8};
     return bytes[static_cast<std::size_t>(type)];
 }
-
-namespace detail {
 
 /// Beginning of the comment with the checksum: 8 hexadecimal digits of the CRC-32 of the header,
 /// with these digits as 0 and lines that end with LF, and of the vertices.
@@ -108,8 +106,6 @@ inline Index ply_count(const std::string& text, const std::string& who) {
             std::numeric_limits<Index>::max());
     return n;
 }
-
-} // namespace detail
 
 /// Reads up to and including end_header; messages begin with `who`.
 inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
@@ -188,4 +184,4 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
     return h;
 }
 
-} // namespace rye
+} // namespace rye::detail

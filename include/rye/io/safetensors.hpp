@@ -33,6 +33,9 @@ namespace rye {
 /// Supported types; named F64, F32, I64, U8, F16 and U32 in files. F16 is IEEE's binary16,
 /// Eigen::half.
 enum class TensorType { f64, f32, i64, u8, f16, u32 };
+
+namespace detail {
+
 /// Number of supported types.
 inline constexpr int tensor_types = 6;
 
@@ -41,9 +44,12 @@ struct TensorTypeInfo {
     const char* name;
     std::size_t size;  ///< [bytes]
 };
+
+} // namespace detail
+
 /// Returns the name and size of a type.
-constexpr TensorTypeInfo info_of(TensorType type) {
-    constexpr std::array<TensorTypeInfo, tensor_types> infos{
+constexpr detail::TensorTypeInfo info_of(TensorType type) {
+    constexpr std::array<detail::TensorTypeInfo, detail::tensor_types> infos{
         {{"F64", 8}, {"F32", 4}, {"I64", 8}, {"U8", 1}, {"F16", 2}, {"U32", 4}}};
     return infos[static_cast<std::size_t>(type)];
 }
@@ -86,6 +92,8 @@ TensorEntry tensor_entry(std::string name, const Columns<T>& columns) {
 /// String metadata by key.
 using TensorMetadata = std::map<std::string, std::string>;
 
+namespace detail {
+
 /// Metadata key of a file's checksum, which the writer adds and the reader removes.
 inline constexpr const char* checksum_key = "checksum";
 
@@ -102,6 +110,8 @@ inline std::string tensor_checksum(const std::map<std::string, TensorEntry>& ten
                 std::to_string(crc32(t.bytes)) + "\n";
     return checksum_text(crc32(as_bytes(text)));
 }
+
+} // namespace detail
 
 /// Largest header accepted, as in the reference reader.
 inline constexpr std::uint64_t max_tensor_header = 100'000'000;
@@ -270,9 +280,9 @@ inline Safetensors parse_safetensors(ByteSpan file, const std::string& who,
         }
     }
     detail::require_covered(tensors, data, who);
-    const auto checksum = metadata.extract(checksum_key);
+    const auto checksum = metadata.extract(detail::checksum_key);
     if (!checksum.empty()) {
-        const std::string right = tensor_checksum(tensors, metadata);
+        const std::string right = detail::tensor_checksum(tensors, metadata);
         require(checksum.mapped() == right, who, "metadata 'checksum': got '", checksum.mapped(),
                 "', expected '", right, "': the file is damaged");
     }
@@ -300,17 +310,17 @@ inline void write_safetensors(const std::filesystem::path& path, std::vector<Ten
         require(t.name != "__metadata__" && by_name.emplace(t.name, t).second, label,
                 "is the name of two tensors, or reserved");
     }
-    metadata[checksum_key] = tensor_checksum(by_name, metadata);
+    metadata[detail::checksum_key] = detail::tensor_checksum(by_name, metadata);
     std::string text = "{";
     const auto next_member = [&](const std::string& name) {
         if (text.back() != '{') text += ',';
-        text += json_string(name) + ':';
+        text += detail::json_string(name) + ':';
     };
     next_member("__metadata__");
     text += '{';
     for (const auto& [key, word] : metadata) {
         next_member(key);
-        text += json_string(word);
+        text += detail::json_string(word);
     }
     text += '}';
     std::uint64_t offset = 0;

@@ -21,10 +21,14 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Name of the format in the file's metadata.
 inline constexpr const char* bases_format = "rye-bases";
 /// Version of the format.
 inline constexpr const char* bases_version = "1";
+
+} // namespace detail
 
 /// Numbers of a change: centre 3, rotation vector 3 (turns from the left), logarithms of the scales
 /// 3, red, green, blue, opacity.
@@ -55,6 +59,8 @@ struct SplatBases {
     std::array<TurningEye, 2> eyes;               ///< the subject's left, right
     Vec4<double> head = Vec4<double>(1, 0, 0, 0); ///< (w, x, y, z): the file's axes from the head's
 };
+
+namespace detail {
 
 /// Throws an Error("who: ...") for bases that a viewer could not apply: names that are empty or no
 /// UTF-8, two bases of a driver toward the same side, numbers that are not finite, an index beyond
@@ -119,8 +125,6 @@ inline void check_bases(const std::string& who, const SplatBases& b) {
             number_text(square), ", expected 1");
 }
 
-namespace detail {
-
 /// Reads JSON of the file's metadata; its errors name the key.
 class BasesJson {
   public:
@@ -171,12 +175,12 @@ std::string numbers_text(const Numbers& numbers, int count) {
 /// Replaces the file at `path` by one with these bases; on failure leaves it unchanged and throws
 /// an Error. Checks them first (check_bases).
 inline void write_bases(const std::filesystem::path& path, const SplatBases& b) {
-    check_bases(path.string() + ": not written", b);
+    detail::check_bases(path.string() + ": not written", b);
     std::string bases = "[", eyes = "[";
     for (const SplatBasis& basis : b.bases)
         bases += (bases.size() == 1 ? "" : ",") + std::string(R"({"driver":)") +
-                 json_string(basis.driver) + R"(,"rest":)" + number_text(basis.rest) + R"(,"at":)" +
-                 number_text(basis.at) + "}";
+                 detail::json_string(basis.driver) + R"(,"rest":)" + number_text(basis.rest) +
+                 R"(,"at":)" + number_text(basis.at) + "}";
     for (const TurningEye& eye : b.eyes)
         eyes += (eyes.size() == 1 ? "" : ",") + std::string(R"({"first":)") +
                 std::to_string(eye.first) + R"(,"count":)" + std::to_string(eye.count) +
@@ -190,8 +194,8 @@ inline void write_bases(const std::filesystem::path& path, const SplatBases& b) 
                       {tensor_entry<std::uint32_t>("begin", {count(b.begin)}, b.begin),
                        tensor_entry<std::uint32_t>("index", {count(b.index)}, b.index),
                        tensor_entry("change", b.change)},
-                      {{"format", bases_format},
-                       {"version", bases_version},
+                      {{"format", detail::bases_format},
+                       {"version", detail::bases_version},
                        {"gaussians", std::to_string(b.gaussians)},
                        {"bases", bases + "]"},
                        {"eyes", eyes + "]"},
@@ -203,12 +207,12 @@ inline void write_bases(const std::filesystem::path& path, const SplatBases& b) 
 inline SplatBases parse_bases(ByteSpan bytes, const std::string& who) {
     const Safetensors file = parse_safetensors(bytes, who);
     const auto found = file.metadata().find("format");
-    require(found != file.metadata().end() && found->second == bases_format, who,
+    require(found != file.metadata().end() && found->second == detail::bases_format, who,
             "metadata 'format': got ",
             (found == file.metadata().end() ? std::string("none") : "'" + found->second + "'"),
-            ", expected '", bases_format, "'");
-    require(file.word("version") == bases_version, who, "metadata 'version': got '",
-            file.word("version"), "', expected '", bases_version, "'");
+            ", expected '", detail::bases_format, "'");
+    require(file.word("version") == detail::bases_version, who, "metadata 'version': got '",
+            file.word("version"), "', expected '", detail::bases_version, "'");
     SplatBases b;
     const detail::BasesJson total(file, who, "gaussians"), head(file, who, "head"),
         bases(file, who, "bases"), eyes(file, who, "eyes");
@@ -235,7 +239,7 @@ inline SplatBases parse_bases(ByteSpan bytes, const std::string& who) {
     b.begin = file.values<std::uint32_t>("begin", {static_cast<Index>(b.bases.size()) + 1});
     b.change = file.columns<Eigen::half>("change");
     b.index = file.values<std::uint32_t>("index", {b.change.cols()});
-    check_bases(who, b);
+    detail::check_bases(who, b);
     return b;
 }
 

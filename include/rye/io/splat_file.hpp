@@ -18,8 +18,12 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Size of a record [bytes].
 inline constexpr std::size_t splat_record = 32;
+
+} // namespace detail
 
 /// Returns the bytes of a .splat file, in the cloud's order. Clamps colours to 0..1; drops
 /// harmonics above band 0. Throws an Error for numbers that are not finite, before or after
@@ -29,7 +33,7 @@ Bytes splat_bytes(const GaussianCloud<T>& cloud) {
     const std::string who = "splat_bytes";
     detail::check_storable(cloud, who);
     Bytes out;
-    out.reserve(splat_record * static_cast<std::size_t>(cloud.count()));
+    out.reserve(detail::splat_record * static_cast<std::size_t>(cloud.count()));
     const auto put = [&](T x, const char* field, Index i) {
         const auto stored = static_cast<float>(x);
         if (!std::isfinite(stored))
@@ -41,8 +45,8 @@ Bytes splat_bytes(const GaussianCloud<T>& cloud) {
         for (Index k = 0; k < 3; ++k) put(cloud.mean(k, i), "mean", i);
         for (Index k = 0; k < 3; ++k) put(std::exp(cloud.log_scale(k, i)), "scale", i);
         for (Index k = 0; k < 3; ++k)
-            append(out, detail::nearest_byte((T(0.5) + T(sh_factor(0)) * cloud.sh_constant(k, i)) *
-                                             T(255)));
+            append(out, detail::nearest_byte(
+                            (T(0.5) + T(detail::sh_factor(0)) * cloud.sh_constant(k, i)) * T(255)));
         append(out, detail::nearest_byte(sigmoid(cloud.logit_opacity(0, i)) * T(255)));
         const Quat<T> q = quat_normalized<T>(cloud.rotation.col(i));
         for (int k = 0; k < 4; ++k) append(out, detail::nearest_byte(q[k] * T(128) + T(128)));
@@ -56,13 +60,14 @@ Bytes splat_bytes(const GaussianCloud<T>& cloud) {
 template <Real T>
 GaussianCloud<T> parse_splat(ByteSpan bytes, const std::string& who,
                              std::uint64_t memory = default_memory) {
-    require(bytes.size() % splat_record == 0, who, "got ", bytes.size(),
-            " bytes, expected a multiple of ", splat_record, ", one record a Gaussian");
-    const auto n = static_cast<Index>(bytes.size() / splat_record);
+    require(bytes.size() % detail::splat_record == 0, who, "got ", bytes.size(),
+            " bytes, expected a multiple of ", detail::splat_record, ", one record a Gaussian");
+    const auto n = static_cast<Index>(bytes.size() / detail::splat_record);
     require_memory(GaussianCloud<T>::memory(n, 0), memory, who, "its Gaussians");
     GaussianCloud<T> cloud(n, 0);
     for (Index i = 0; i < n; ++i) {
-        const std::byte* const at = bytes.data() + splat_record * static_cast<std::size_t>(i);
+        const std::byte* const at =
+            bytes.data() + detail::splat_record * static_cast<std::size_t>(i);
         std::array<float, 6> number;
         std::memcpy(number.data(), at, sizeof number);
         for (int k = 0; k < 6; ++k) {
@@ -78,7 +83,7 @@ GaussianCloud<T> parse_splat(ByteSpan bytes, const std::string& who,
             cloud.mean(k, i) = static_cast<T>(number[s]);
             cloud.log_scale(k, i) =
                 std::log(std::max(static_cast<T>(number[3 + s]), std::numeric_limits<T>::min()));
-            cloud.sh_constant(k, i) = (byte(k) / T(255) - T(0.5)) / T(sh_factor(0));
+            cloud.sh_constant(k, i) = (byte(k) / T(255) - T(0.5)) / T(detail::sh_factor(0));
         }
         cloud.logit_opacity(0, i) = detail::bounded_logit(byte(3) / T(255));
         for (int k = 0; k < 4; ++k) cloud.rotation(k, i) = (byte(4 + k) - T(128)) / T(128);

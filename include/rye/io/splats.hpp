@@ -80,6 +80,8 @@ inline SplatKind splat_kind(const std::filesystem::path& path, ByteSpan beginnin
     return begins("PK\x03\x04") ? SplatKind::sog : SplatKind::unknown;
 }
 
+namespace detail {
+
 /// Returns advice for a file of a kind that is not read, or not without zstd; empty for kinds that
 /// are.
 inline std::string splat_advice(SplatKind kind, const std::string& path) {
@@ -120,6 +122,8 @@ inline std::string splat_advice(SplatKind kind, const std::string& path) {
            path + " converted.ply";
 }
 
+} // namespace detail
+
 /// Reads a PLY, .splat, SPZ or glTF file, or a PLY from a pipe; buffers of a glTF in files of their
 /// own lie beside it. Throws an Error, with the path, if it cannot be opened, is of another kind
 /// (with the converting command, if any), or as read_ply, parse_splat, parse_spz and parse_gltf do;
@@ -136,7 +140,7 @@ GaussianCloud<T> read_splats(const std::filesystem::path& path,
         return read_ply<T>(path.string(), memory);
     const SplatKind kind = splat_kind(path, read_beginning(path, 65536));
     if (kind == SplatKind::spz4 && zstd) return parse_spz<T>(read_file(path), who, memory, zstd);
-    const std::string advice = splat_advice(kind, path.string());
+    const std::string advice = detail::splat_advice(kind, path.string());
     require(advice.empty(), who, advice);
     if (kind == SplatKind::splat) return parse_splat<T>(read_file(path), who, memory);
     if (kind == SplatKind::spz) return parse_spz<T>(read_file(path), who, memory);

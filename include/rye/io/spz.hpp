@@ -25,8 +25,9 @@ inline constexpr std::size_t spz_header_size = 16;
 /// Returns the header of the data inside an SPZ file in gzip, of which the first 16 bytes suffice;
 /// `whole` is the size of all data [bytes]. Throws an Error for another kind of data, a version
 /// other than 1 to 3, a degree above 4, and arrays of another size than the data's.
-inline SpzHeader parse_spz_header(ByteSpan data, std::uint64_t whole, const std::string& who) {
-    const SpzHeader h = detail::spz_common_header(data, who);
+inline detail::SpzHeader parse_spz_header(ByteSpan data, std::uint64_t whole,
+                                          const std::string& who) {
+    const detail::SpzHeader h = detail::spz_common_header(data, who);
     require(h.version >= 1 && h.version <= 3, who, "got SPZ version ", h.version,
             ", expected 1 to 3 in gzip");
     std::uint64_t size = detail::spz_header_size;
@@ -37,7 +38,7 @@ inline SpzHeader parse_spz_header(ByteSpan data, std::uint64_t whole, const std:
 }
 
 /// Returns the header of complete data.
-inline SpzHeader parse_spz_header(ByteSpan data, const std::string& who) {
+inline detail::SpzHeader parse_spz_header(ByteSpan data, const std::string& who) {
     return parse_spz_header(data, data.size(), who);
 }
 
@@ -49,13 +50,13 @@ GaussianCloud<T> parse_spz(ByteSpan file, const std::string& who,
                            std::uint64_t memory = default_memory,
                            const ZstdDecompress& decompress = read_stored_zstd) {
     if (is_spz4(file)) return parse_spz4<T>(file, who, memory, decompress);
-    const GzipContents contents = gzip_contents(file, who);
-    const Bytes beginning = inflate_beginning(
+    const detail::GzipContents contents = detail::gzip_contents(file, who);
+    const Bytes beginning = detail::inflate_beginning(
         contents.deflated, std::min<std::size_t>(contents.size, detail::spz_header_size), who);
-    const SpzHeader h = parse_spz_header(beginning, contents.size, who);
-    require_inflatable(contents.deflated, contents.size, who);
+    const detail::SpzHeader h = parse_spz_header(beginning, contents.size, who);
+    detail::require_inflatable(contents.deflated, contents.size, who);
     const std::uint64_t gaussians = GaussianCloud<T>::memory(static_cast<Index>(h.count), h.degree);
-    require_memory(saturated_sum(contents.size, gaussians), memory, who,
+    require_memory(detail::saturated_sum(contents.size, gaussians), memory, who,
                    "its " + std::to_string(h.count) + " Gaussians");
     const Bytes data = gunzip(contents, who, memory);
     ByteSpan rest = ByteSpan(data).subspan(detail::spz_header_size);
@@ -77,7 +78,7 @@ Bytes spz_bytes(const GaussianCloud<T>& cloud, const Deflate& deflate = stored_d
     const std::string who = "spz_bytes";
     require(cloud.degree() <= 3, who, "got harmonics of degree ", cloud.degree(),
             ", expected at most 3: see truncated()");
-    const SpzHeader h = detail::spz_header(cloud, 3, antialiased, who);
+    const detail::SpzHeader h = detail::spz_header(cloud, 3, antialiased, who);
     Bytes data = detail::spz_header_bytes(h, 0);
     for (const Bytes& array : detail::spz_array_bytes(h, cloud)) append(data, ByteSpan(array));
     return gzip_bytes(data, deflate);

@@ -55,9 +55,9 @@ inline bool is_spz4(ByteSpan bytes) {
 
 /// Returns the header of a file of version 4, of which the first 32 bytes suffice. Throws an Error
 /// for another kind of data, another version, and a degree above 4.
-inline SpzHeader parse_spz4_header(ByteSpan file, const std::string& who) {
+inline detail::SpzHeader parse_spz4_header(ByteSpan file, const std::string& who) {
     slice(file, 0, detail::spz4_header_size, who, "the SPZ header");
-    const SpzHeader h = detail::spz_common_header(file, who);
+    const detail::SpzHeader h = detail::spz_common_header(file, who);
     require(h.version == 4, who, "got SPZ version ", h.version, ", expected 4, or 1 to 3 in gzip");
     return h;
 }
@@ -70,11 +70,11 @@ template <Real T>
 GaussianCloud<T> parse_spz4(ByteSpan file, const std::string& who,
                             std::uint64_t memory = default_memory,
                             const ZstdDecompress& decompress = read_stored_zstd) {
-    const SpzHeader h = parse_spz4_header(file, who);
+    const detail::SpzHeader h = parse_spz4_header(file, who);
     const detail::SpzArrays frames = detail::spz4_frames(file, h, who);
     const std::array<std::uint64_t, 6> each = detail::spz_sizes(h);
     std::uint64_t need = GaussianCloud<T>::memory(static_cast<Index>(h.count), h.degree);
-    for (const std::uint64_t size : each) need = saturated_sum(need, size * h.count);
+    for (const std::uint64_t size : each) need = detail::saturated_sum(need, size * h.count);
     require_memory(need, memory, who, "its " + std::to_string(h.count) + " Gaussians");
     std::array<Bytes, 6> data;
     detail::SpzArrays arrays;
@@ -95,7 +95,7 @@ GaussianCloud<T> parse_spz4(ByteSpan file, const std::string& who,
 template <Real T>
 Bytes spz4_bytes(const GaussianCloud<T>& cloud, const ZstdCompress& compress = stored_zstd,
                  bool antialiased = false) {
-    const SpzHeader h = detail::spz_header(cloud, 4, antialiased, "spz4_bytes");
+    const detail::SpzHeader h = detail::spz_header(cloud, 4, antialiased, "spz4_bytes");
     Bytes table, frames;
     for (const Bytes& array : detail::spz_array_bytes(h, cloud)) {
         if (array.empty()) continue;

@@ -16,7 +16,7 @@
 #include <rye/io/splat_quantize.hpp>
 #include <rye/core/format.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Header of an SPZ file.
 struct SpzHeader {
@@ -27,8 +27,6 @@ struct SpzHeader {
     bool antialiased = false;  ///< true if trained with Antialias::mip
     bool extended = false;     ///< true if there are records of extensions
 };
-
-namespace detail {
 
 inline constexpr std::uint32_t spz_magic = 0x5053474E; // "NGSP"
 
@@ -270,6 +268,4 @@ std::array<Bytes, 6> spz_array_bytes(const SpzHeader& h, const GaussianCloud<T>&
     return out;
 }
 
-} // namespace detail
-
-} // namespace rye
+} // namespace rye::detail

@@ -95,10 +95,14 @@ inline Bytes read_stored_zstd(ByteSpan frame, std::size_t size, const std::strin
     return out;
 }
 
+namespace detail {
+
 /// Throws an Error if a frame is too short for data of a size: 4 bytes hold at most 131072.
 inline void require_zstd_holds(std::size_t frame, std::uint64_t size, const std::string& who) {
     require(size / detail::zstd_longest_block <= frame / 4, who, "zstd: a frame of ", frame,
             " bytes cannot hold the declared ", size);
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -105,7 +105,7 @@ inline constexpr Index dssim_rows = 8;
 /// Returns 1 - mean SSIM over all pixels and channels, and its cotangent of a. Images in 0..1.
 template <class T, Backend B>
 LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
-    using W = widened_t<T>;
+    using W = detail::widened_t<T>;
     detail::require_same_shape<T>("dssim", a.pixels, b.pixels, Columns<T>());
     const detail::Window<T> window(a);
     const Index size = a.pixels.size(), row = window.row, padded = window.padded();
@@ -132,10 +132,10 @@ LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
                         mxy += weight * (p * q);
                     });
                     const Index to = window.inside() + i;
-                    store_as(mx, line_x + to);
-                    store_as(my, line_y + to);
-                    store_as(squares, line_squares + to);
-                    store_as(mxy, line_xy + to);
+                    detail::store_as(mx, line_x + to);
+                    detail::store_as(my, line_y + to);
+                    detail::store_as(squares, line_squares + to);
+                    detail::store_as(mxy, line_xy + to);
                 });
                 each_vector<B, T>(0, row, [&]<class V>(std::type_identity<V>, Index i) {
                     const V u = window.template along<V>(line_x + i);
@@ -145,17 +145,17 @@ LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
                     const V variances = window.template along<V>(line_squares + i) - uu_vv;
                     const detail::SsimSlopes<V> s =
                         detail::ssim_slopes(u, v, covariance, variances, V(share));
-                    store_as(s.value, ssim.data() + i);
-                    store_as(s.by_x, by_x.data() + r * row + i);
-                    store_as(s.by_xx, by_xx.data() + r * row + i);
-                    store_as(s.by_xy, by_xy.data() + r * row + i);
+                    detail::store_as(s.value, ssim.data() + i);
+                    detail::store_as(s.by_x, by_x.data() + r * row + i);
+                    detail::store_as(s.by_xx, by_xx.data() + r * row + i);
+                    detail::store_as(s.by_xy, by_xy.data() + r * row + i);
                 });
                 total += sum_array<W>(ssim.data(), row);
             }
             return total;
         });
 
-    LossGradient<T> loss{T(1) + T(share) * scalar_cast<T>(sum), {}};
+    LossGradient<T> loss{T(1) + T(share) * detail::scalar_cast<T>(sum), {}};
     loss.gradient.resize(a.pixels.rows(), a.pixels.cols());
     for_chunks(
         backend.threads, window.height, detail::dssim_rows, [&](Index first, Index last, Index) {
@@ -172,9 +172,9 @@ LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
                         gxy += weight * load_as<V>(by_xy.data() + at + i);
                     });
                     const Index to = window.inside() + i;
-                    store_as(gx, line_x + to);
-                    store_as(gxx, line_xx + to);
-                    store_as(gxy, line_xy + to);
+                    detail::store_as(gx, line_x + to);
+                    detail::store_as(gxx, line_xx + to);
+                    detail::store_as(gxy, line_xy + to);
                 });
                 each_vector<B, T>(0, row, [&]<class V>(std::type_identity<V>, Index i) {
                     const Index at = r * row + i;
@@ -182,7 +182,7 @@ LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
                                                      window.template along<V>(line_x + i),
                                                      window.template along<V>(line_xx + i),
                                                      window.template along<V>(line_xy + i));
-                    store_as(g, loss.gradient.data() + at);
+                    detail::store_as(g, loss.gradient.data() + at);
                 });
             }
         });

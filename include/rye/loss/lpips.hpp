@@ -16,12 +16,16 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Shift of red, green and blue: an image in -1..1 is normalised to (x - shift) / scale.
 inline constexpr std::array<double, 3> lpips_shift{-0.030, -0.088, -0.188};
 /// Divisors of red, green and blue after lpips_shift.
 inline constexpr std::array<double, 3> lpips_scale{0.458, 0.448, 0.450};
 /// Number added to the norm of a feature vector.
 inline constexpr double lpips_eps = 1e-10;
+
+} // namespace detail
 
 /// Network, and weights of its slices (channels x 1, not negative).
 template <class T>
@@ -133,7 +137,7 @@ struct LpipsVgg {
         loss.gradient = vgg_vjp_input(backend, weights.net, ta, g);
         for (std::size_t c = 0; c < 3; ++c)
             loss.gradient.row(static_cast<Index>(c)) *=
-                T(static_cast<real_t<T>>(2.0 / lpips_scale[c]));
+                T(static_cast<real_t<T>>(2.0 / detail::lpips_scale[c]));
         return loss;
     }
 

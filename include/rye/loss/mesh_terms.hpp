@@ -61,8 +61,6 @@ LossTerm<T> mean_absolute(const ColumnsView<T>& x) {
     return out;
 }
 
-} // namespace detail
-
 /// Returns L_RGB: mean over pixels and channels of |(color - target) visible|. color, target:
 /// 3 x P, visible: 1 x P. Invisible pixels count in the mean, as zeros.
 template <class T, Backend B>
@@ -148,5 +146,7 @@ LossTerm<T> eye_offset_term(const ColumnsView<T>& predicted, const ColumnsView<T
     const Columns<T> difference = predicted - observed;
     return detail::mean_absolute<T>(difference);
 }
+
+} // namespace detail
 
 } // namespace rye

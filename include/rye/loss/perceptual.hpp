@@ -141,7 +141,7 @@ LossGradient<T> PyramidGradientLoss::operator()(const B& backend, const Image<T>
     std::vector<Image<T>> d, g;
     d.push_back(detail::unwritten<T>(a.width, a.height, a.channels()));
     for_chunks(backend.threads, a.pixels.size(), 16384, [&](Index first, Index last, Index) {
-        transform_array<B>(
+        detail::transform_array<B>(
             last - first, d[0].pixels.data() + first,
             [](const auto& x, const auto& y) { return x - y; }, a.pixels.data() + first,
             b.pixels.data() + first);

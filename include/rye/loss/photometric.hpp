@@ -43,14 +43,14 @@ void require_same_shape(const char* who, const ColumnsView<T>& a, const ColumnsV
         [&] { return text(mask); }, ", expected 1 x ", a.cols());
 }
 
-} // namespace detail
-
 /// Mask and weight of a loss.
 template <class T>
 struct WeightedMask {
     const Columns<T>& mask;  ///< 1 x pixels, or empty for 1 everywhere
     T weight;
 };
+
+} // namespace detail
 
 /// Absolute difference of one masked number: |d|, and its share of a cotangent of slope s:
 /// sign(d) s.
@@ -74,11 +74,11 @@ struct AbsoluteDifference {
 template <class T, Backend B>
 T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
                 const std::type_identity_t<ColumnsView<T>>& b,
-                const std::type_identity_t<WeightedMask<T>>& weighted,
+                const std::type_identity_t<detail::WeightedMask<T>>& weighted,
                 std::type_identity_t<ColumnsSpan<T>> g) {
     const Columns<T>& mask = weighted.mask;
     const T& weight = weighted.weight;
-    using W = widened_t<T>;  // float does not resolve a mean over millions of values
+    using W = detail::widened_t<T>; // float does not resolve a mean over millions of values
     detail::require_same_shape<T>("masked_l1", a, b, mask);
     if (a.size() == 0) return T(0);
     const T share(static_cast<real_t<T>>(1.0 / static_cast<double>(a.size())));
@@ -96,14 +96,14 @@ T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
                 W pixel(0);
                 for (Index i = 0; i < channels; ++i) {
                     const AbsoluteDifference<T> d(m, p[i], q[i]);
-                    pixel += scalar_cast<W>(d.value());
+                    pixel += detail::scalar_cast<W>(d.value());
                     to[i] += d.cotangent(slope);
                 }
                 total += pixel;
             }
             return total;
         });
-    return scalar_cast<T>(W(sum * W(1.0 / static_cast<double>(a.size()))));
+    return detail::scalar_cast<T>(W(sum * W(1.0 / static_cast<double>(a.size()))));
 }
 
 /// Returns the mean absolute difference over C channels, weighted by a mask (1 x pixels), and its

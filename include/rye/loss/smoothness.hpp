@@ -16,6 +16,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Neighbours of each point of a cloud, by index.
 using NeighbourGraph = std::vector<std::array<Index, 4>>;
 
@@ -57,15 +59,11 @@ NeighbourGraph nearest_and_turned(const Columns<T>& points, Index first = 0) {
     return graph;
 }
 
-namespace detail {
-
 /// Returns the slope of share d^2.
 template <class T>
 RYE_HD T square_slope(const T& share, const T& d) {
     return T(2) * share * d;
 }
-
-} // namespace detail
 
 /// Returns, for each point of a graph, the points that have it as a neighbour, ascending.
 inline std::vector<std::vector<Index>> neighbour_of(const NeighbourGraph& graph) {
@@ -76,11 +74,14 @@ inline std::vector<std::vector<Index>> neighbour_of(const NeighbourGraph& graph)
     return of;
 }
 
+} // namespace detail
+
 /// Returns the mean over points and channels of the squared differences to the neighbours, and its
 /// gradient. values: C x N, one entry of the graph per column; `of` is neighbour_of(graph). Each
 /// point's gradient is summed in a fixed order.
 template <class T, Threads P>
-LossGradient<T> smoothness(const P& threads, const Columns<T>& values, const NeighbourGraph& graph,
+LossGradient<T> smoothness(const P& threads, const Columns<T>& values,
+                           const detail::NeighbourGraph& graph,
                            const std::vector<std::vector<Index>>& of) {
     require(static_cast<Index>(graph.size()) == values.cols(), "smoothness", "the graph has ",
             graph.size(), " points, the values ", values.cols());
@@ -121,8 +122,8 @@ LossGradient<T> smoothness(const P& threads, const Columns<T>& values, const Nei
 }
 /// The same on the calling thread.
 template <class T>
-LossGradient<T> smoothness(const Columns<T>& values, const NeighbourGraph& graph) {
-    return smoothness(Serial{}, values, graph, neighbour_of(graph));
+LossGradient<T> smoothness(const Columns<T>& values, const detail::NeighbourGraph& graph) {
+    return smoothness(Serial{}, values, graph, detail::neighbour_of(graph));
 }
 
 } // namespace rye

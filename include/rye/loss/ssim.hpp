@@ -18,12 +18,12 @@
 
 namespace rye {
 
+namespace detail {
+
 inline constexpr int ssim_window = 11;    ///< [px]
 inline constexpr double ssim_sigma = 1.5; ///< [px]
 inline constexpr double ssim_c1 = 1e-4;   ///< (0.01 * peak)^2
 inline constexpr double ssim_c2 = 9e-4;   ///< (0.03 * peak)^2
-
-namespace detail {
 
 /// Returns the weights along one axis of the window; their sum is 1.
 RYE_HD inline Array<double, ssim_window> ssim_weights() {
@@ -83,12 +83,12 @@ double ssim(const B& backend, const Image<T>& a, const Image<T>& b,
     require(a.width == b.width && a.height == b.height && a.channels() == b.channels(), "ssim",
             "images of ", a.width, " x ", a.height, " x ", a.channels(), " and ", b.width, " x ",
             b.height, " x ", b.channels(), " differ in shape");
-    require(a.width >= ssim_window && a.height >= ssim_window, "ssim", "got ", a.width, " x ",
-            a.height, " pixels, expected at least 11 x 11");
+    require(a.width >= detail::ssim_window && a.height >= detail::ssim_window, "ssim", "got ",
+            a.width, " x ", a.height, " pixels, expected at least 11 x 11");
     require(mask.size() == 0 || mask.size() == a.size(), "ssim", "mask has ", mask.size(),
             " pixels, image ", a.size());
-    const Array<double, ssim_window> weight = detail::ssim_weights();
-    constexpr Index margin = ssim_window / 2;
+    const Array<double, detail::ssim_window> weight = detail::ssim_weights();
+    constexpr Index margin = detail::ssim_window / 2;
     const Index c = a.channels(), columns = a.width - 2 * margin;
     const Eigen::Vector2d zero = Eigen::Vector2d::Zero(); // weighted sum, weight
     const Eigen::Vector2d total =

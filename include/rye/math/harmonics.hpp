@@ -26,6 +26,8 @@ inline int sh_degree(int count) {
                 " coefficients, expected 1, 4, 9, 16 or 25");
 }
 
+namespace detail {
+
 /// Returns the factor that makes basis function k orthonormal on the sphere, sign included. The
 /// table is inside the function because device code cannot read a global one.
 RYE_HD inline double sh_factor(std::size_t k) {
@@ -41,6 +43,8 @@ RYE_HD inline double sh_factor(std::size_t k) {
         0.6258357354491761};                                                    // l = 4
     return factors[k];
 }
+
+} // namespace detail
 
 /// A number for each basis function of degrees 0 to Degree.
 template <Scalar T, int Degree>
@@ -71,7 +75,7 @@ RYE_HD ShArray<T, Degree> sh_basis(const Vec3<T>& direction) {
             b[24] = xx * (xx - T(3) * yy) - yy * (T(3) * xx - yy);
         }
     }
-    for (std::size_t k = 0; k < b.size(); ++k) b[k] = constant<T>(sh_factor(k)) * b[k];
+    for (std::size_t k = 0; k < b.size(); ++k) b[k] = constant<T>(detail::sh_factor(k)) * b[k];
     return b;
 }
 
@@ -80,7 +84,7 @@ template <Scalar T, int Degree>
 RYE_HD Vec3<T> sh_basis_vjp(const Vec3<T>& direction, const ShArray<T, Degree>& g) {
     const T &x = direction[0], &y = direction[1], &z = direction[2];
     ShArray<T, Degree> w;
-    for (std::size_t k = 0; k < w.size(); ++k) w[k] = constant<T>(sh_factor(k)) * g[k];
+    for (std::size_t k = 0; k < w.size(); ++k) w[k] = constant<T>(detail::sh_factor(k)) * g[k];
     T dx = T(0), dy = T(0), dz = T(0);
     if constexpr (Degree >= 1) dx += w[3], dy += w[1], dz += w[2];
     if constexpr (Degree >= 2) {

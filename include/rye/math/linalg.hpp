@@ -102,6 +102,8 @@ struct Sym3 {
     T xx, xy, xz, yy, yz, zz;
 };
 
+namespace detail {
+
 /// Returns M M^T for a factor with three rows.
 template <Scalar T>
 RYE_HD Sym3<T> gram(const Mat3<T>& m) {
@@ -145,5 +147,7 @@ RYE_HD PrecisionFactor<T> precision_factor(const Vec3<T>& x, const Vec3<T>& y, c
     const T det = gram_determinant(x, y, d);
     return {T(1) / sqrt(a), sqrt(a / det), dot(x, y) / a};
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -152,6 +152,8 @@ RYE_HD Quat<T> shortest_arc(const Vec3<T>& a, const Vec3<T>& b) {
     return normalized(q);
 }
 
+namespace detail {
+
 /// Returns sin(sqrt(s)) / sqrt(s): smooth in s >= 0, with its derivatives, at 0 too.
 template <Scalar T>
 RYE_HD T sinc_of_square(const T& s) {
@@ -177,6 +179,8 @@ RYE_HD T sinc_of_square_slope(const T& s) {
     return select(small, constant<T>(-1.0 / 6.0) * tail, direct);
 }
 
+} // namespace detail
+
 /// Returns the spherical interpolation from a (t = 0) to b (t = 1) along the shorter arc; unit
 /// quaternions. The ratio of sines is a ratio of sincs, so neither equal nor opposite ends are
 /// special cases.
@@ -185,9 +189,9 @@ RYE_HD Quat<T> quat_slerp(const Quat<T>& a, const Quat<T>& b, const T& t) {
     using std::atan2;
     const Quat<T> end = select_all(dot(a, b) < T(0), Quat<T>(-b), b);
     const T angle = T(2) * atan2(norm(Quat<T>(end - a)), norm(Quat<T>(end + a)));  // to pi / 2
-    const T s = angle * angle, r = T(1) - t, whole = sinc_of_square(s);
-    const T wa = r * sinc_of_square(T(r * r * s)) / whole;
-    const T wb = t * sinc_of_square(T(t * t * s)) / whole;
+    const T s = angle * angle, r = T(1) - t, whole = detail::sinc_of_square(s);
+    const T wa = r * detail::sinc_of_square(T(r * r * s)) / whole;
+    const T wb = t * detail::sinc_of_square(T(t * t * s)) / whole;
     Quat<T> q;
     for (int i = 0; i < 4; ++i) q[i] = wa * a[i] + wb * end[i];
     return normalized(q);
@@ -197,8 +201,8 @@ RYE_HD Quat<T> quat_slerp(const Quat<T>& a, const Quat<T>& b, const T& t) {
 /// which is sinc(|w|/2)^2 / 2, free of cancellation.
 template <Scalar T>
 RYE_HD Mat3<T> so3_exp(const Vec3<T>& w) {
-    const T s = dot(w, w), h = sinc_of_square(T(0.25) * s);
-    const T a = sinc_of_square(s), b = T(0.5) * h * h;
+    const T s = dot(w, w), h = detail::sinc_of_square(T(0.25) * s);
+    const T a = detail::sinc_of_square(s), b = T(0.5) * h * h;
     Mat3<T> r;
     for (int j = 0; j < 3; ++j)
         for (int i = 0; i < 3; ++i) r(i, j) = b * w[i] * w[j];
@@ -214,9 +218,10 @@ RYE_HD Mat3<T> so3_exp(const Vec3<T>& w) {
 /// Returns the cotangent of w for so3_exp.
 template <Scalar T>
 RYE_HD Vec3<T> so3_exp_vjp(const Vec3<T>& w, const Mat3<T>& g) {
-    const T s = dot(w, w), quarter = T(0.25) * s, h = sinc_of_square(quarter);
-    const T a = sinc_of_square(s), b = T(0.5) * h * h;
-    const T a_s = sinc_of_square_slope(s), b_s = T(0.25) * h * sinc_of_square_slope(quarter);
+    const T s = dot(w, w), quarter = T(0.25) * s, h = detail::sinc_of_square(quarter);
+    const T a = detail::sinc_of_square(s), b = T(0.5) * h * h;
+    const T a_s = detail::sinc_of_square_slope(s),
+            b_s = T(0.25) * h * detail::sinc_of_square_slope(quarter);
     const Vec3<T> k(g(2, 1) - g(1, 2), g(0, 2) - g(2, 0), g(1, 0) - g(0, 1));
     const T trace = g(0, 0) + g(1, 1) + g(2, 2);
     Vec3<T> sw;                                                           // (g + g^T) w - 2 tr(g) w
@@ -233,8 +238,8 @@ RYE_HD Vec3<T> so3_exp_vjp(const Vec3<T>& w, const Mat3<T>& g) {
 /// Returns the unit quaternion of exp([w]x): (cos(|w|/2), w sin(|w|/2) / |w|).
 template <Scalar T>
 RYE_HD Quat<T> so3_exp_quat(const Vec3<T>& w) {
-    const T s = dot(w, w), sixteenth = T(0.0625) * s, h = sinc_of_square(sixteenth);
-    const T k = T(0.5) * sinc_of_square(T(0.25) * s);
+    const T s = dot(w, w), sixteenth = T(0.0625) * s, h = detail::sinc_of_square(sixteenth);
+    const T k = T(0.5) * detail::sinc_of_square(T(0.25) * s);
     return Quat<T>(T(1) - T(2) * sixteenth * h * h, k * w[0], k * w[1], k * w[2]);
 }
 

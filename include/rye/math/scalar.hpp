@@ -54,6 +54,8 @@ RYE_HD constexpr T square(const T& x) {
     return x * x;
 }
 
+namespace detail {
+
 /// Returns the bits of a batch as another type of the same size. The template argument of
 /// bitwise_cast is a batch type before xsimd 11, and a scalar type since.
 template <class To, class From>
@@ -70,6 +72,8 @@ template <Scalar T>
 RYE_HD T sign_of(const T& x) {
     return select(x > T(0), T(1), select(x < T(0), T(-1), T(0)));
 }
+
+} // namespace detail
 
 /// Returns min(max(x, lo), hi), with derivative 1 inside, 1/2 at the ends, 0 outside.
 template <Scalar T>

@@ -10,19 +10,23 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Slope of LeakyReLU for negative inputs.
 inline constexpr double leaky_slope = 0.01;
+
+} // namespace detail
 
 /// x for x > 0, else 0.01 x; NaN for NaN.
 template <class T>
 RYE_HD T leaky_relu(const T& x) {
-    return select(x > T(0), x, T(T(real_t<T>(leaky_slope)) * x));
+    return select(x > T(0), x, T(T(real_t<T>(detail::leaky_slope)) * x));
 }
 
 /// The cotangent of the input, from the *output* y, whose sign is that of the input.
 template <class T>
 RYE_HD T leaky_relu_vjp(const T& y, const T& g) {
-    return select(y > T(0), g, T(T(real_t<T>(leaky_slope)) * g));
+    return select(y > T(0), g, T(T(real_t<T>(detail::leaky_slope)) * g));
 }
 
 /// Activation after the hidden layers of a network: value of the input, and the cotangent of the
@@ -61,6 +65,8 @@ RYE_HD T relu_vjp(const T& y, const T& g) {
 /// Function that bounds a network's output.
 enum class Squash { none, tanh, sigmoid };
 
+namespace detail {
+
 /// y = squash(v).
 template <Scalar T>
 RYE_HD T squash_value(Squash squash, const T& v) {
@@ -85,8 +91,6 @@ RYE_HD T squash_slope(Squash squash, const T& y) {
     if (squash == Squash::tanh) return tanh_slope(y);
     return squash == Squash::sigmoid ? sigmoid_slope(y) : T(1);
 }
-
-namespace detail {
 
 /// Margin of the clamped skip base: half an 8-bit step is invisible, and z still has a gradient.
 inline constexpr double base_margin = 1e-3;

@@ -118,7 +118,7 @@ template <class P, class Rate, Backend B>
             },
             g);
         std::vector<std::atomic<bool>> bad(rates.size());
-        std::vector<ArrayWork> arrays;
+        std::vector<detail::ArrayWork> arrays;
         P::fields(
             [&](const std::string&, const auto& a) {
                 const std::size_t i = arrays.size();
@@ -150,11 +150,11 @@ template <class P, class Rate, Backend B>
                         const Index n = e - b;
                         T *pa = a.data() + b, *pm = m.data() + b, *pv = v.data() + b;
                         const T* pg = ga.data() + b;
-                        transform_array<B>(
+                        detail::transform_array<B>(
                             n, pm, [&](auto x, auto y) { return formula.mean(x, y); }, pm, pg);
-                        transform_array<B>(
+                        detail::transform_array<B>(
                             n, pv, [&](auto x, auto y) { return formula.square(x, y); }, pv, pg);
-                        transform_array<B>(
+                        detail::transform_array<B>(
                             n, pa,
                             [&](auto x, auto mi, auto vi) {
                                 return formula.moved(x, mi, vi, now.size, now.root);

@@ -14,6 +14,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Interpolation weights along one axis.
 struct Doubling {
     /// A pixel and its weight.
@@ -64,11 +66,13 @@ void double_into(const B& backend, const Image<T>& in, const F& f, const Row& ro
     });
 }
 
+} // namespace detail
+
 /// The image at twice the size.
 template <class T, Backend B>
 Image<T> doubled(const B& backend, const Image<T>& in) {
     Image<T> out(2 * in.width, 2 * in.height, in.channels());
-    double_into(
+    detail::double_into(
         backend, in, [](const auto& x) { return x; },
         [&](Index y) { return out.pixels.data() + y * out.width * out.pixels.rows(); });
     return out;
@@ -79,7 +83,7 @@ template <class T, Backend B>
 Image<T> doubled_vjp(const B& backend, const Image<T>& g) {
     Image<T> out(g.width / 2, g.height / 2, g.channels());
     const Index w = out.width, c = g.channels();
-    const Doubling across(w), down(out.height);
+    const detail::Doubling across(w), down(out.height);
     for_chunks(backend.threads, out.height, 8, [&](Index b, Index e, Index) {
         Columns<T> line(c, 2 * w);
         for (Index y = b; y < e; ++y) {

@@ -40,8 +40,12 @@ struct Padded {
     }
 };
 
+namespace detail {
+
 /// Rows per chunk of an image: about 2048 pixels.
 inline Index rows_per_chunk(int width) { return std::max<Index>(1, 2048 / std::max(width, 1)); }
+
+} // namespace detail
 
 /// f(pixel) inside the border, of one image or of several of the same shape.
 template <class T, class F, Backend B, class... More>
@@ -50,15 +54,17 @@ Padded<T> padded(const B& backend, const Image<T>& in, const F& f, const More&..
     Padded<T> out{in.width, in.height, Columns<T>(c, pitch * (in.height + 2))};
     out.pixels.leftCols(pitch).setZero();
     out.pixels.rightCols(pitch).setZero();
-    for_chunks(backend.threads, in.height, rows_per_chunk(in.width), [&](Index b, Index e, Index) {
-        for (Index y = b; y < e; ++y) {
-            const Index row = (y + 1) * pitch;
-            out.pixels.col(row).setZero();
-            out.pixels.col(row + w + 1).setZero();
-            transform_array<B>(w * c, out.pixels.col(row + 1).data(), f,
-                               in.pixels.data() + y * w * c, more.pixels.data() + y * w * c...);
-        }
-    });
+    for_chunks(backend.threads, in.height, detail::rows_per_chunk(in.width),
+               [&](Index b, Index e, Index) {
+                   for (Index y = b; y < e; ++y) {
+                       const Index row = (y + 1) * pitch;
+                       out.pixels.col(row).setZero();
+                       out.pixels.col(row + w + 1).setZero();
+                       detail::transform_array<B>(w * c, out.pixels.col(row + 1).data(), f,
+                                                  in.pixels.data() + y * w * c,
+                                                  more.pixels.data() + y * w * c...);
+                   }
+               });
     return out;
 }
 /// A copy with a border of zeros.
@@ -93,7 +99,7 @@ Image<T> convolve3x3(const B& backend, const Columns<T>& weight, const Padded<T>
     out.pixels.resize(weight.rows(), out.size());
     const bool lanes = detail::runs_in_lanes<B, T>(weight.rows(), in.channels(), in.width);
     for_chunks(
-        backend.threads, in.height, rows_per_chunk(in.width), [&](Index b, Index e, Index) {
+        backend.threads, in.height, detail::rows_per_chunk(in.width), [&](Index b, Index e, Index) {
             for (Index y = b; y < e; ++y) {
                 if constexpr (LaneBackend<B, T>)
                     if (lanes) {
@@ -139,9 +145,10 @@ template <class T, Backend B>
 void convolve3x3_vjp_weight(const B& backend, const Padded<T>& in, const Padded<T>& g,
                             Columns<T>& g_weight) {
     const Index k = 3 * in.channels();
-    const Index rows = std::max(rows_per_chunk(in.width), chunk_count(in.height, 16));
+    const Index rows =
+        std::max(detail::rows_per_chunk(in.width), detail::chunk_count(in.height, 16));
     const bool lanes = detail::runs_in_lanes<B, T>(g.channels(), in.channels(), in.width);
-    std::vector<Columns<T>> parts(static_cast<std::size_t>(chunk_count(in.height, rows)));
+    std::vector<Columns<T>> parts(static_cast<std::size_t>(detail::chunk_count(in.height, rows)));
     for_chunks(backend.threads, in.height, rows, [&](Index b, Index e, Index c) {
         Columns<T>& part = parts[static_cast<std::size_t>(c)];
         part.setZero(g_weight.rows(), g_weight.cols());
@@ -161,4 +168,5 @@ void convolve3x3_vjp_weight(const B& backend, const Padded<T>& in, const Padded<
     });
     for (const Columns<T>& part : parts) g_weight += part;
 }
+
 } // namespace rye

@@ -23,6 +23,9 @@ V load_as(const T* from) {
     else
         return V::load_unaligned(from);
 }
+
+namespace detail {
+
 /// Stores a number, or a vector.
 template <class V, class T>
 void store_as(const V& v, T* to) {
@@ -31,6 +34,9 @@ void store_as(const V& v, T* to) {
     else
         v.store_unaligned(to);
 }
+
+} // namespace detail
+
 /// Loads a V, deduced from an argument.
 template <class V, class T>
 V load_like(const V&, const T* from) {
@@ -50,6 +56,8 @@ void each_vector(Index begin, Index end, const F& f) {
     for (; i < end; ++i) f(std::type_identity<T>(), i);
 }
 
+namespace detail {
+
 /// out[i] = f(in[i]...) for i in [0, n); out may be one of the inputs.
 template <Backend B, class T, class F, class... In>
 void transform_array(Index n, T* out, const F& f, const In*... in) {
@@ -58,6 +66,8 @@ void transform_array(Index n, T* out, const F& f, const In*... in) {
     });
 }
 
+} // namespace detail
+
 /// The sum of n numbers as a W, in eight independent accumulators to hide the latency of additions.
 template <class W, class T>
 W sum_array(const T* x, Index n) {
@@ -65,8 +75,8 @@ W sum_array(const T* x, Index n) {
     W sum[parts] = {W(0), W(0), W(0), W(0), W(0), W(0), W(0), W(0)};
     Index i = 0;
     for (; i + parts <= n; i += parts)
-        for (Index k = 0; k < parts; ++k) sum[k] += scalar_cast<W>(x[i + k]);
-    for (; i < n; ++i) sum[0] += scalar_cast<W>(x[i]);
+        for (Index k = 0; k < parts; ++k) sum[k] += detail::scalar_cast<W>(x[i + k]);
+    for (; i < n; ++i) sum[0] += detail::scalar_cast<W>(x[i]);
     return ((sum[0] + sum[1]) + (sum[2] + sum[3])) + ((sum[4] + sum[5]) + (sum[6] + sum[7]));
 }
 

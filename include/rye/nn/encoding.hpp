@@ -14,6 +14,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Frequencies 1, 2, 4, 8, as in Gaussian Head Avatar.
 inline constexpr int default_frequencies = 4;
 
@@ -48,13 +50,15 @@ RYE_HD T encode_number_vjp(const T* y, const T* g, int frequencies, Index size) 
     return sum;
 }
 
+} // namespace detail
+
 /// Encodes x, D x N; returns D (1 + 2 F) x N.
 template <class X>
 Columns<typename X::Scalar> positional_encoding(const Eigen::MatrixBase<X>& x,
-                                                int frequencies = default_frequencies) {
+                                                int frequencies = detail::default_frequencies) {
     using T = typename X::Scalar;
     const Index d = x.rows();
-    Columns<T> y(encoded_size(d, frequencies), x.cols());
+    Columns<T> y(detail::encoded_size(d, frequencies), x.cols());
     Columns<T> scaled = x, turned; // 2^k x
     y.topRows(d) = scaled;
     for (int k = 0; k < frequencies; ++k) {
@@ -72,12 +76,12 @@ Columns<typename X::Scalar> positional_encoding(const Eigen::MatrixBase<X>& x,
 template <class Y, class G>
 Columns<typename Y::Scalar> positional_encoding_vjp(const Eigen::MatrixBase<Y>& y,
                                                     const Eigen::MatrixBase<G>& g,
-                                                    int frequencies = default_frequencies) {
+                                                    int frequencies = detail::default_frequencies) {
     using T = typename Y::Scalar;
-    const Index d = y.rows() / encoded_size(1, frequencies);
-    RYE_ASSERT(
-        y.rows() == encoded_size(d, frequencies) && g.rows() == y.rows() && g.cols() == y.cols(),
-        "positional_encoding_vjp: y and g differ in shape");
+    const Index d = y.rows() / detail::encoded_size(1, frequencies);
+    RYE_ASSERT(y.rows() == detail::encoded_size(d, frequencies) && g.rows() == y.rows() &&
+                   g.cols() == y.cols(),
+               "positional_encoding_vjp: y and g differ in shape");
     Columns<T> gx = g.topRows(d);
     for (int k = 0; k < frequencies; ++k) {
         const Index s = d * (1 + 2 * k), c = s + d; // rows of sin, of cos
@@ -99,7 +103,7 @@ concept Encoding = requires(const Columns<float>& x) {
 /// The default encoding: the numbers, and sines and cosines at frequencies 1, 2, 4, ...
 struct PositionalEncoding {
     static constexpr Index size(Index values, int frequencies) {
-        return encoded_size(values, frequencies);
+        return detail::encoded_size(values, frequencies);
     }
     template <class X>
     static Columns<typename X::Scalar> encode(const X& x, int frequencies) {

@@ -174,7 +174,7 @@ Columns<T> vgg_vjp_input(const B& backend, const Vgg<T>& net, const VggTrace<T>&
             const Columns<T>& y = t.layer[l].pixels;
             for_chunks(backend.threads, y.size(), 16384, [&](Index b, Index e, Index) {
                 T* to = g.pixels.data() + b;
-                transform_array<B>(
+                detail::transform_array<B>(
                     e - b, to, [](const auto& v, const auto& gv) { return relu_vjp(v, gv); },
                     y.data() + b, to);
             });

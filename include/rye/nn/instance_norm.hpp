@@ -13,8 +13,12 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Bounds the gain of a channel that is nearly constant.
 inline constexpr double norm_eps = 1e-5;
+
+} // namespace detail
 
 /// x with mean 0 and variance 1: of numbers, or of Eigen's arrays number by number.
 template <class X, class M, class G>
@@ -27,14 +31,15 @@ RYE_HD auto normalized_vjp(const X& g, const Y& y, const M& mean_g, const N& mea
                            const G& gain) {
     return (g - mean_g - y * mean_gy) * gain;
 }
+
+namespace detail {
+
 /// The gain of a channel of that variance.
 template <class T>
 RYE_HD T norm_gain(const T& variance) {
     using std::sqrt;
     return T(1) / sqrt(variance + T(real_t<T>(norm_eps)));
 }
-
-namespace detail {
 
 /// Pixels per partial sum: nested sums keep long sums accurate in float.
 inline constexpr Index norm_block = 256;
@@ -69,7 +74,7 @@ VecX<T> instance_norm(const B& backend, Columns<T>& x) {
             for (Index j = b; j < b + n; ++j) s += (x.col(j) - mean).cwiseAbs2();
             return s;
         });
-    const VecX<T> gain = variance.unaryExpr([](const T& v) { return norm_gain<T>(v); });
+    const VecX<T> gain = variance.unaryExpr([](const T& v) { return detail::norm_gain<T>(v); });
     for_chunks(backend.threads, x.cols(), 4096, [&](Index b, Index e, Index) {
         for (Index j = b; j < e; ++j) {
             auto column = x.col(j).array();

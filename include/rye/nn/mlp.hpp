@@ -156,8 +156,6 @@ void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const ColumnsView<T
         finish(std::false_type());
 }
 
-} // namespace detail
-
 /// points: point_inputs x N, frame: frame_inputs. Sets y, outputs x N, before any output
 /// activation. trace may be null. before(b, e) is called before points [b, e) are read, after(b, e)
 /// when their outputs are in y, on the thread that computes them.
@@ -199,6 +197,8 @@ void mlp_forward_around(const B& backend, const Mlp<T, A>& m,
     });
 }
 
+} // namespace detail
+
 /// Runs mlp_forward_around with nothing around. Returns y.
 template <class T, class A, Backend B>
 Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
@@ -206,8 +206,8 @@ Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
                        const std::type_identity_t<VecX<T>>& frame,
                        std::type_identity_t<MlpTrace<T>>* trace) {
     Columns<T> y;
-    mlp_forward_around<T>(backend, m, points, frame, trace, y, detail::NothingAround{},
-                          detail::NothingAround{});
+    detail::mlp_forward_around<T>(backend, m, points, frame, trace, y, detail::NothingAround{},
+                                  detail::NothingAround{});
     return y;
 }
 
@@ -226,6 +226,8 @@ struct MlpGradient {
     Columns<T>* points = nullptr;  ///< overwritten, point_inputs x N
     VecX<T>* frame = nullptr;      ///< overwritten, frame_inputs
 };
+
+namespace detail {
 
 /// Gradients for the cotangent g_out (outputs x N) of mlp_forward's result. before(b, e) is called
 /// before columns [b, e) of g_out are read, after(b, e) when those of g.points are set, on the
@@ -331,12 +333,15 @@ void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
     }
 }
 
+} // namespace detail
+
 /// Runs mlp_vjp_around with nothing around.
 template <class T, class A, Backend B>
 void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<MlpPass<T>>& pass,
              const std::type_identity_t<ColumnsView<T>>& g_out,
              const std::type_identity_t<MlpGradient<T, A>>& g) {
-    mlp_vjp_around<T>(backend, m, pass, g_out, g, detail::NothingAround{}, detail::NothingAround{});
+    detail::mlp_vjp_around<T>(backend, m, pass, g_out, g, detail::NothingAround{},
+                              detail::NothingAround{});
 }
 
 } // namespace rye

@@ -25,6 +25,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Left factor whose products are stored before `put`: sums(a, turned, x, out) computes out = a x,
 /// or a x^T if turned.
 template <Backend B, class T, class Sums>
@@ -67,11 +69,13 @@ struct StoredFactor {
     }
 };
 
+} // namespace detail
+
 /// rye's register tiles; for backends with lanes.
 struct TileProducts {
     template <Backend B, class T>
         requires LaneBackend<B, T>
-    using left_factor = TileFactor<typename B::template batch<T>>;
+    using left_factor = detail::TileFactor<typename B::template batch<T>>;
 };
 
 /// Eigen's products.
@@ -88,7 +92,7 @@ struct EigenProducts {
         }
     };
     template <Backend B, class T>
-    using left_factor = StoredFactor<B, T, Sums>;
+    using left_factor = detail::StoredFactor<B, T, Sums>;
 };
 
 /// A column-major matrix in memory.
@@ -119,7 +123,7 @@ struct GemmProducts {
         }
     };
     template <Backend B, class T>
-    using left_factor = StoredFactor<B, T, Sums>;
+    using left_factor = detail::StoredFactor<B, T, Sums>;
 };
 
 namespace detail {
@@ -134,10 +138,10 @@ auto products_of() {
         return std::type_identity<EigenProducts>();
 }
 
-} // namespace detail
-
 /// Left factor type of the backend's products.
 template <Backend B, class T>
 using LeftFactor = typename decltype(detail::products_of<B, T>())::type::template left_factor<B, T>;
+
+} // namespace detail
 
 } // namespace rye

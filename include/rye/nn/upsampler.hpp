@@ -250,7 +250,7 @@ void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in,
         if (s.norm == Normalization::instance) {
             for_chunks(backend.threads, g.pixels.size(), 16384, [&](Index b, Index e, Index) {
                 T* to = g.pixels.data() + b;
-                transform_array<B>(e - b, to, through_relu, to, y.pixels.data() + b);
+                detail::transform_array<B>(e - b, to, through_relu, to, y.pixels.data() + b);
             });
             instance_norm_vjp(backend, y.pixels, t.gain[i], g.pixels);
             g_layer = padded(backend, g);

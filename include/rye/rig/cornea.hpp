@@ -21,12 +21,16 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Refractive index of the aqueous humour relative to air (Gullstrand).
 inline constexpr double aqueous_index = 1.336;
 /// Cosine of the angle of incidence below which a highlight fades.
 inline constexpr double mirror_grazing = 0.3;
 /// Width of the rim on which a highlight fades, over the corneal radius.
 inline constexpr double mirror_rim = 0.1;
+
+} // namespace detail
 
 /// A cornea in its eyeball's frame.
 template <Scalar T>
@@ -112,8 +116,8 @@ RYE_HD Vec3<T> seen_through_vjp(const RefractingCornea<T>& refracting, const Vec
         turn[i] = depth / far * (g[i] - ray[i] * along);
         g_at[i] = g[i] + up[i] * along + turn[i];
     }
-    const SpherePathCotangent<T> ends =
-        sphere_path_vjp(eye, source, {c.radius, index}, path.at, g_at);
+    const detail::SpherePathCotangent<T> ends =
+        detail::sphere_path_vjp(eye, source, {c.radius, index}, path.at, g_at);
     Vec3<T> r;
     for (int i = 0; i < 3; ++i) {
         g_camera[i] += ends.eye[i] - turn[i];
@@ -195,10 +199,10 @@ RYE_HD Vec3<T> mirrored_vjp(const Cornea<T>& c, const Vec3<T>& camera, const Vec
     if (!(ray.inside > T(0))) return Vec3<T>(T(0), T(0), T(0));
     const T to_normal = dot(g.to, ray.normal);
     const T by_rim = g.strength * detail::smooth_step_slope(ray.rim) *
-                     detail::smooth_step(ray.grazing) / constant<T>(mirror_rim);
-    T g_inside = g.strength * detail::smooth_step(ray.rim) *
-                 detail::smooth_step_slope(ray.grazing) /
-                 (c.radius * c.radius * constant<T>(mirror_grazing * mirror_grazing));
+                     detail::smooth_step(ray.grazing) / constant<T>(detail::mirror_rim);
+    T g_inside =
+        g.strength * detail::smooth_step(ray.rim) * detail::smooth_step_slope(ray.grazing) /
+        (c.radius * c.radius * constant<T>(detail::mirror_grazing * detail::mirror_grazing));
     Vec3<T> g_view, g_off;
     for (int k = 0; k < 3; ++k) {
         g_view[k] = g.to[k] - T(2) * to_normal * ray.normal[k];

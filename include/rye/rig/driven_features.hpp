@@ -35,13 +35,13 @@ struct DrivenFeatures {
         template <class F, class... P>
         static void fields(F&& f, P&&... p) {
             f("feature", p.feature...);
-            nested_fields<Mlp<T>>("left_appearance_mlp", f, p.networks[0]...);
-            nested_fields<Mlp<T>>("right_appearance_mlp", f, p.networks[1]...);
+            detail::nested_fields<Mlp<T>>("left_appearance_mlp", f, p.networks[0]...);
+            detail::nested_fields<Mlp<T>>("right_appearance_mlp", f, p.networks[1]...);
         }
     };
     /// Returns the number of a network's inputs for a point: codes of its direction from the
     /// eyeball's centre, at rest and turned.
-    static constexpr Index point_inputs() { return 2 * encoded_size(3, frequencies); }
+    static constexpr Index point_inputs() { return 2 * detail::encoded_size(3, frequencies); }
     /// Returns the shape of each network.
     static MlpShape shape(const AppearanceSizes& sizes) {
         const int frame = 3 + (sizes.pose > 0 ? 3 : 0) + sizes.expression;
@@ -92,9 +92,10 @@ struct DrivenFeatures {
     /// Accumulates the parameters' gradient from the features' cotangent; returns the inputs'
     /// cotangent.
     template <class B, class P, class T>
-    static EyeInputsCotangent<T> features_vjp(const B& backend, const P& p, const EyeInputs<T>& in,
-                                              const ColumnsView<T>& g, P& grad) {
-        EyeInputsCotangent<T> g_in;
+    static detail::EyeInputsCotangent<T> features_vjp(const B& backend, const P& p,
+                                                      const EyeInputs<T>& in,
+                                                      const ColumnsView<T>& g, P& grad) {
+        detail::EyeInputsCotangent<T> g_in;
         grad.feature += g;
         for (std::size_t eye = 0; eye < 2; ++eye) {
             if (!driven(p, eye)) continue;

@@ -13,6 +13,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// V if the effect (or one of AnyOf, or a ReaderOf) is on, else an empty type.
 template <EffectSet S, class X, class V, int number = 0>
 using Slot = PresentIf<has_effect<S, X>, X, V, number>;
@@ -32,6 +34,8 @@ struct OnlyRightEye {
     void operator[](U&&) const = delete;
 };
 
+} // namespace detail
+
 /// Returns the value for an eye, 0 or 1, from an EachEye.
 template <std::size_t eye, class A>
 constexpr auto& of_eye(A& all) {
@@ -42,6 +46,8 @@ constexpr auto& of_eye(A& all) {
     else
         return all[eye];
 }
+
+namespace detail {
 
 /// V for each eye that has it: an array of two, one value, or an empty type.
 template <bool left, bool right, class X, class V, int number = 0>
@@ -74,6 +80,8 @@ constexpr V initial_slot([[maybe_unused]] double x) {
         return V(x);
 }
 
+} // namespace detail
+
 /// Calls `f.operator()<eye>()` for eye 0 (the left) and eye 1.
 template <class F>
 constexpr void for_eyes(F&& f) {
@@ -81,10 +89,14 @@ constexpr void for_eyes(F&& f) {
     f.template operator()<1>();
 }
 
+namespace detail {
+
 /// Assigns b = a; does nothing if either is absent.
 template <class A, class B>
 void copy_slot(const A& a, B& b) {
     if constexpr (!is_absent<A> && !is_absent<B>) b = a;
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -180,11 +180,12 @@ static_assert(Effect<Expression> && Effect<HeadPose> && Effect<PoseResidual> && 
 /// Any of several effects, for members that several of them need.
 template <Effect... X>
 struct AnyOf {};
+
+namespace detail {
+
 /// Any effect that reads an input of a frame.
 template <Reads what>
 struct ReaderOf {};
-
-namespace detail {
 
 template <class X>
 struct NamedIn {
@@ -257,11 +258,12 @@ inline constexpr bool has_effect = S::template has<X>;
 /// True if an eye (0: the subject's left) rotates.
 template <EffectSet S, std::size_t eye>
 inline constexpr bool eye_turns = has_effect<S, std::conditional_t<eye == 0, LeftGaze, RightGaze>>;
+
+namespace detail {
+
 /// True if the skin around an eye (0: the subject's left) follows its gaze.
 template <EffectSet S, std::size_t eye>
 inline constexpr bool skin_follows = eye_turns<S, eye> && has_effect<S, Periocular>;
-
-namespace detail {
 
 template <class... E>
 struct List {};

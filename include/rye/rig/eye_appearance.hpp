@@ -28,6 +28,8 @@ struct EyeInputs {
     const VecX<T>& pose;
 };
 
+namespace detail {
+
 /// Cotangents of the inputs that depend on trained parameters: the gaze (by kappa) and the head
 /// pose (by its correction for a frame).
 template <class T>
@@ -35,6 +37,8 @@ struct EyeInputsCotangent {
     std::array<Vec3<T>, 2> gaze{Vec3<T>::Zero(), Vec3<T>::Zero()}; ///< of EyeInputs::gaze
     Vec<T, 6> pose = Vec<T, 6>::Zero(); ///< of EyeInputs::pose; 0 if that is empty
 };
+
+} // namespace detail
 
 /// Sizes of an eye appearance and of its inputs.
 struct AppearanceSizes {
@@ -106,6 +110,8 @@ concept EyeAppearance =
     };
 static_assert(EyeAppearance<FreeFeatures>);
 
+namespace detail {
+
 /// Returns true if the frame drives the features of an eye (0: the left). An appearance that reads
 /// its inputs may answer by driven(parameters, eye) if that depends on its parameters.
 template <EyeAppearance A, class P>
@@ -115,6 +121,9 @@ bool drives_features([[maybe_unused]] const P& p, [[maybe_unused]] std::size_t e
     else
         return A::reads_inputs;
 }
+
+} // namespace detail
+
 /// An appearance whose features of an eye depend on that eye's gaze alone, and are written by
 /// eye_features(backend, parameters, inputs, eye, features of both).
 template <class A>
@@ -137,8 +146,10 @@ typename A::template Parameters<T> init_eye_appearance(const AppearanceSizes& si
 
 /// Calls features_vjp of any appearance; returns the cotangent of its inputs, 0 if it gives none.
 template <EyeAppearance A, class B, class P, class T>
-EyeInputsCotangent<T> eye_appearance_vjp(const B& backend, const P& p, const EyeInputs<T>& inputs,
-                                         const std::type_identity_t<ColumnsView<T>>& g, P& grad) {
+detail::EyeInputsCotangent<T> eye_appearance_vjp(const B& backend, const P& p,
+                                                 const EyeInputs<T>& inputs,
+                                                 const std::type_identity_t<ColumnsView<T>>& g,
+                                                 P& grad) {
     if constexpr (std::is_void_v<decltype(A::features_vjp(backend, p, inputs, g, grad))>) {
         A::features_vjp(backend, p, inputs, g, grad);
         return {};

@@ -55,8 +55,6 @@ RYE_HD T smooth_rise(const T& x) {
     return u * u * u * (T(10) + u * (T(6) * u - T(15)));
 }
 
-} // namespace detail
-
 /// Returns the angle [rad] that a saccade has covered t [s] after its middle, where it is fastest:
 /// from 0 long before to the amplitude long after; of an amplitude of 0, 0.
 template <Scalar T>
@@ -64,6 +62,8 @@ RYE_HD T saccade_travel(const T& amplitude, const T& t, const MainSequence<T>& m
     const T half = constant<T>(0.5) * amplitude / m.bend, x = m.fastest * t / m.bend;
     return m.bend * (detail::smooth_ramp(T(x + half)) - detail::smooth_ramp(T(x - half)));
 }
+
+} // namespace detail
 
 /// Phases of a blink. The default, 0.26 s, is a brief one of the 0.1 to 0.5 s of spontaneous
 /// blinks; the lid closes faster than it opens. Source: VanderWerf et al., "Eyelid movements:
@@ -77,6 +77,8 @@ struct BlinkPhases {
     RYE_HD T duration() const { return closing + closed + opening; }
 };
 
+namespace detail {
+
 /// Returns how far lids are closed t [s] after a blink's beginning: 0 open, 1 closed; 0 before and
 /// after it. Speed and acceleration are continuous (minimum jerk: 10 u^3 - 15 u^4 + 6 u^5).
 template <Scalar T>
@@ -84,6 +86,8 @@ RYE_HD T blink_closure(const T& t, const BlinkPhases<T>& p = {}) {
     return detail::smooth_rise(T(t / p.closing)) -
            detail::smooth_rise(T((t - p.closing - p.closed) / p.opening));
 }
+
+} // namespace detail
 
 /// Returns the gaze, in the head's frame now, that keeps the direction which `gaze` had in the
 /// world while the head was turned as `before`: the vestibulo-ocular reflex. `gain` 1 keeps it

@@ -53,6 +53,8 @@ struct EyeTransform {
     }
 };
 
+namespace detail {
+
 /// Returns an eye at its centre in the head's frame, looking ahead. An avatar applies the factors
 /// of its effects to it: turn_eye_to or turn_eye, then carry_eye.
 template <Scalar T>
@@ -60,6 +62,8 @@ RYE_HD EyeTransform<T> eye_at(const Vec3<T>& centre) {
     const Mat3<T> none = Rigid<T>::identity_rotation();
     return {none, Quat<T>(T(1), T(0), T(0), T(0)), centre, T(1), none, false};
 }
+
+} // namespace detail
 
 /// Rotates an eye at rest to its gaze, the optical axis, a unit vector.
 template <Scalar T>
@@ -71,8 +75,10 @@ RYE_HD void turn_eye_to(EyeTransform<T>& e, const Vec3<T>& gaze) {
 /// Rotates an eye at rest to a gaze of any length; throws an Error if it is not finite or near 0.
 template <Scalar T>
 void turn_eye(EyeTransform<T>& e, const Vec3<T>& optical) {
-    turn_eye_to(e, checked_gaze(optical));
+    turn_eye_to(e, detail::checked_gaze(optical));
 }
+
+namespace detail {
 
 /// Applies the head's pose to an eye in the head's frame.
 template <Scalar T>
@@ -88,14 +94,16 @@ RYE_HD void carry_eye(EyeTransform<T>& e, const HeadPlacement<T>& head) {
     e.head_rotation = r;
 }
 
+} // namespace detail
+
 /// Returns the product of all factors; throws an Error for a gaze as turn_eye does.
 template <Scalar T>
 EyeTransform<T> eye_transform(const EyeDrive<T>& drive, const HeadPlacement<T>& head) {
-    EyeTransform<T> e = eye_at(Vec3<T>(drive.centre[0] + drive.offset[0],
-                                       drive.centre[1] + drive.offset[1],
-                                       drive.centre[2] + drive.offset[2]));
+    EyeTransform<T> e =
+        detail::eye_at(Vec3<T>(drive.centre[0] + drive.offset[0], drive.centre[1] + drive.offset[1],
+                               drive.centre[2] + drive.offset[2]));
     turn_eye(e, drive.gaze);
-    carry_eye(e, head);
+    detail::carry_eye(e, head);
     return e;
 }
 
@@ -117,6 +125,8 @@ Columns<T> eye_points(const EyeTransform<T>& eye, const Columns<T>& points) {
     return y;
 }
 
+namespace detail {
+
 /// Returns the cotangent of the offset (and of the neutral centre), given the sum of the world
 /// points' cotangents.
 template <Scalar T>
@@ -131,6 +141,8 @@ Vec3<T> eye_offset_cotangent(const EyeTransform<T>& eye, const Columns<T>& g_poi
     for (Index i = 0; i < g_points.cols(); ++i) sum += g_points.col(i);
     return eye_offset_cotangent(eye, sum);
 }
+
+} // namespace detail
 
 /// Returns the quaternions of the eye's Gaussians in the world, 4 x P, without conversion to
 /// matrices.

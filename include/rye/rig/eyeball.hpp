@@ -33,15 +33,15 @@ namespace rye {
 /// Dimensions of an eyeball; a sphere without the cornea's members if CornealBulge is off.
 template <EffectSet E>
 struct BasicEyeballShape {
-    using CorneaSlot = Slot<E, CornealBulge, double>;
-    using CorneaSlot2 = Slot<E, CornealBulge, double, 1>;
+    using CorneaSlot = detail::Slot<E, CornealBulge, double>;
+    using CorneaSlot2 = detail::Slot<E, CornealBulge, double, 1>;
     static constexpr bool bulges = has_effect<E, CornealBulge>;
 
     double sclera_radius = 0.12;      ///< radius of the sphere [unit]
     /// Radius of the corneal sphere [unit].
-    [[no_unique_address]] CorneaSlot cornea_radius = initial_slot<CorneaSlot>(0.078);
+    [[no_unique_address]] CorneaSlot cornea_radius = detail::initial_slot<CorneaSlot>(0.078);
     /// Distance from the eyeball's centre to the cornea's [unit].
-    [[no_unique_address]] CorneaSlot2 cornea_offset = initial_slot<CorneaSlot2>(0.056);
+    [[no_unique_address]] CorneaSlot2 cornea_offset = detail::initial_slot<CorneaSlot2>(0.056);
     double limbus_radius = 0.059;     ///< rim of the iris, from the axis [unit]
     double pupil_radius = 0.020;      ///< from the axis [unit]
     /// z of the middle of the iris, which curves from there to the limbus [unit]; if empty, the

@@ -53,6 +53,8 @@ RYE_HD T chord_error(const Vec3<T>& a, const Vec3<T>& b) {
     return dot(d, d);
 }
 
+namespace detail {
+
 /// Normalises a direction from external input; throws an Error if it is not finite or shorter than
 /// 1e-6, since its direction would be noise.
 template <Scalar T>
@@ -66,6 +68,8 @@ Vec3<T> checked_gaze(const Vec3<T>& v) {
         "), expected a finite direction, longer than 1e-6");
     return normalized(v);
 }
+
+} // namespace detail
 
 /// Returns true if the direction is further than gaze_range from straight ahead.
 template <Scalar T>
@@ -128,7 +132,7 @@ RYE_HD Vec3<T> gaze_in_world(const Mat3<T>& world_from_head, const Vec3<T>& gaze
 
 /// Returns the input of networks that depend on the gaze: the positional encoding of (pitch, yaw).
 template <Scalar T>
-Columns<T> encode_gaze(const Vec3<T>& gaze, int frequencies = default_frequencies) {
+Columns<T> encode_gaze(const Vec3<T>& gaze, int frequencies = detail::default_frequencies) {
     return positional_encoding(pitch_yaw(gaze), frequencies);
 }
 

@@ -95,6 +95,8 @@ RYE_HD AimedEye<T> aim_eye(const Vec3<T>& centre, const GazeTarget<T>& target,
             select(beyond, angular_error(seen, visual), T(0))};
 }
 
+namespace detail {
+
 /// Returns the target itself, or, where its direction from `middle` is further than `range` [rad]
 /// from straight ahead, the point at the same distance on the edge of the range: for a target
 /// beside or behind the head, to which both eyes turn together rather than each to its own side.
@@ -111,6 +113,8 @@ RYE_HD GazeTarget<T> target_in_range(const Vec3<T>& middle, const GazeTarget<T>&
     return r;
 }
 
+} // namespace detail
+
 /// Gazes of both eyes, the subject's left first.
 template <Scalar T>
 using AimedEyes = std::array<AimedEye<T>, 2>;
@@ -125,7 +129,7 @@ AimedEyes<T> aim_eyes(const std::array<Vec3<T>, 2>& centre, const GazeTarget<T>&
                       const std::type_identity_t<T>& range = constant<T>(gaze_range)) {
     Vec3<T> middle;
     for (int i = 0; i < 3; ++i) middle[i] = constant<T>(0.5) * (centre[0][i] + centre[1][i]);
-    const GazeTarget<T> near = target_in_range(middle, target, range);
+    const GazeTarget<T> near = detail::target_in_range(middle, target, range);
     const auto moved = angle_from_ahead(toward(middle, target)) > range;
     AimedEyes<T> eyes{aim_eye(centre[0], near, kappa[0], range),
                       aim_eye(centre[1], near, kappa[1], range)};
@@ -134,6 +138,8 @@ AimedEyes<T> aim_eyes(const std::array<Vec3<T>, 2>& centre, const GazeTarget<T>&
             select(moved, angular_error(eyes[e].visual, toward(centre[e], target)), eyes[e].missed);
     return eyes;
 }
+
+namespace detail {
 
 /// Returns a target from external input, in the frame of the centres. Throws Error("who: ...") for
 /// numbers that are not finite, a negative weight, a point at infinity without a direction, and a
@@ -161,5 +167,7 @@ GazeTarget<T> checked_target(const std::string& who, const GazeTarget<T>& target
             " from its centre");
     return target;
 }
+
+} // namespace detail
 
 } // namespace rye

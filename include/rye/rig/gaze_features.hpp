@@ -96,7 +96,7 @@ struct RotatedFeatures {
         template <class F, class... P>
         static void fields(F&& f, P&&... p) {
             f("latent", p.latent...);
-            nested_fields<Mlp<T>>("latent_mlp", f, p.map...);
+            detail::nested_fields<Mlp<T>>("latent_mlp", f, p.map...);
         }
     };
     /// Returns random latents, with colours about grey.
@@ -150,7 +150,8 @@ struct ConditionedFeatures {
     static constexpr bool reads_inputs = true;
     static constexpr int latent_size = 30; ///< as in RotatedFeatures
     static constexpr int hidden = 128;     ///< width of the network's hidden layer
-    static constexpr int gaze_code = static_cast<int>(encoded_size(2, default_frequencies));
+    static constexpr int gaze_code =
+        static_cast<int>(detail::encoded_size(2, detail::default_frequencies));
 
     /// Trained parameters.
     template <class T>
@@ -160,7 +161,7 @@ struct ConditionedFeatures {
         template <class F, class... P>
         static void fields(F&& f, P&&... p) {
             f("latent", p.latent...);
-            nested_fields<Mlp<T>>("conditioned_mlp", f, p.color...);
+            detail::nested_fields<Mlp<T>>("conditioned_mlp", f, p.color...);
         }
     };
     /// Returns random latents, with colours about grey.
@@ -202,7 +203,7 @@ struct ConditionedFeatures {
   private:
     template <class T>
     static VecX<T> code(const EyeInputs<T>& in, Index eye) {
-        return encode_gaze(checked_gaze(Vec3<T>(in.gaze.col(eye)))).col(0);
+        return encode_gaze(detail::checked_gaze(Vec3<T>(in.gaze.col(eye)))).col(0);
     }
 };
 
@@ -214,7 +215,7 @@ struct RotatedCode {
     static constexpr int latent_size = 48; ///< 16 triplets
     static constexpr int frequencies = 6;  ///< octaves; positions in eyeball radii
     static constexpr int hidden = 128;     ///< width of the two hidden layers
-    static constexpr int place_code = static_cast<int>(encoded_size(3, frequencies));
+    static constexpr int place_code = static_cast<int>(detail::encoded_size(3, frequencies));
 
     /// Trained parameters.
     template <class T>
@@ -224,7 +225,7 @@ struct RotatedCode {
         template <class F, class... P>
         static void fields(F&& f, P&&... p) {
             f("latent", p.latent...);
-            nested_fields<Mlp<T>>("decoder_mlp", f, p.decoder...);
+            detail::nested_fields<Mlp<T>>("decoder_mlp", f, p.decoder...);
         }
     };
     /// Returns random codes, with colours about grey.

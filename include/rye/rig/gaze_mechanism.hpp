@@ -16,12 +16,16 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Parameters of a policy that has none: an empty base.
 template <class T, class Owner>
 struct NoParameters {
     template <class F, class... P>
     static void fields(F&&, P&&...) {}
 };
+
+} // namespace detail
 
 /// Smallest rotation from +z to the gaze, without torsion (paper 3.2). A base for other mechanisms,
 /// which override parts of it. Arguments of all functions but init begin with the parameters, the
@@ -31,7 +35,7 @@ struct ExplicitRotation {
     static constexpr bool changes_features = false;
 
     template <class T>
-    using Parameters = NoParameters<T, ExplicitRotation>;
+    using Parameters = detail::NoParameters<T, ExplicitRotation>;
     /// Returns the initial parameters of an avatar with `channels` features per Gaussian.
     template <class P>
     static P init(int, const Random&) {
@@ -90,6 +94,8 @@ concept GazeMechanism =
     };
 static_assert(GazeMechanism<ExplicitRotation>);
 
+namespace detail {
+
 /// Returns the cotangent of a unit quaternion, given those of its matrix and of itself.
 template <class T>
 RYE_HD Quat<T> turn_cotangent_of(const Quat<T>& turn, const Mat3<T>& g_matrix,
@@ -104,5 +110,7 @@ RYE_HD Quat<T> turn_cotangent_of(const Quat<T>& turn, const Mat3<T>& g_matrix,
             g[k] += g_matrix(i / 3, i % 3) * r(i / 3, i % 3).d[static_cast<std::size_t>(k)];
     return g;
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -16,7 +16,7 @@ namespace rye {
 /// Mechanism that keeps the eyeball's orientation at any gaze.
 struct FixedEye : ExplicitRotation {
     template <class T>
-    using Parameters = NoParameters<T, FixedEye>;
+    using Parameters = detail::NoParameters<T, FixedEye>;
     /// Returns the identity.
     template <class P, class T>
     static Quat<T> turn(const P&, std::size_t, const Vec3<T>&) {
@@ -37,7 +37,8 @@ struct LearnedQuaternion : ExplicitRotation {
     /// Width of the hidden layers.
     static constexpr int hidden = 128;
     /// Number of inputs: the code of pitch and yaw, then 1 for this eye and 0 for the other.
-    static constexpr int inputs = static_cast<int>(encoded_size(2, default_frequencies)) + 2;
+    static constexpr int inputs =
+        static_cast<int>(detail::encoded_size(2, detail::default_frequencies)) + 2;
 
     /// Trained parameters.
     template <class T>
@@ -45,7 +46,7 @@ struct LearnedQuaternion : ExplicitRotation {
         Mlp<T> turn; ///< inputs to 4: difference from the identity, w x y z
         template <class F, class... P>
         static void fields(F&& f, P&&... p) {
-            nested_fields<Mlp<T>>("turn_mlp", f, p.turn...);
+            detail::nested_fields<Mlp<T>>("turn_mlp", f, p.turn...);
         }
     };
     /// Returns PyTorch's default initialisation, with a last layer of zeros.

@@ -87,7 +87,7 @@ class IdleEyes {
         m.turn[0] += d[0];
         m.turn[1] += d[1];
         for (const double begin : blinks_)
-            m.closed = std::max(m.closed, blink_closure(t - begin, settings_.blink));
+            m.closed = std::max(m.closed, detail::blink_closure(t - begin, settings_.blink));
         return m;
     }
 
@@ -193,7 +193,7 @@ class IdleEyes {
         const double x = (t - middle) * m.fastest / m.bend;
         if (x > done) return 1;
         if (x < -done) return 0;
-        return saccade_travel(amplitude, t - middle, m) / amplitude;
+        return detail::saccade_travel(amplitude, t - middle, m) / amplitude;
     }
 
     Vec2<double> drifted(double t) const {

@@ -27,6 +27,8 @@ struct Ramp {
     T near, far;  ///< thresholds, in the unit of the metric
 };
 
+namespace detail {
+
 /// Returns a ramp from external input; throws an Error unless 0 <= near <= far and both are finite.
 template <Scalar T>
 Ramp<T> checked_ramp(const T& near, const T& far) {
@@ -35,6 +37,8 @@ Ramp<T> checked_ramp(const T& near, const T& far) {
                 "near = ", near, ", far = ", far, " violate 0 <= near <= far, both finite");
     return {near, far};
 }
+
+} // namespace detail
 
 /// Metric that compares the thresholds with the squared distance.
 struct SquaredDistance {
@@ -97,6 +101,8 @@ RYE_HD T influence(const M& metric, const Ramp<T>& ramp, const T& squared) {
     return metric.value(ramp, squared);
 }
 
+namespace detail {
+
 /// Returns the weight's derivative with respect to the squared distance.
 template <InfluenceMetric M, Scalar T>
 RYE_HD T influence_slope(const M& metric, const Ramp<T>& ramp, const T& squared) {
@@ -110,6 +116,8 @@ RYE_HD Vec3<T> influence_pull(const T& g_squared, const Vec3<T>& from_landmark) 
     const T twice = T(2) * g_squared;
     return Vec3<T>(twice * from_landmark[0], twice * from_landmark[1], twice * from_landmark[2]);
 }
+
+} // namespace detail
 
 /// Returns the weights, 1 x N, at squared distances, 1 x N. lambda_pose is 1 minus the weight.
 template <InfluenceMetric M, Scalar T>
@@ -135,6 +143,8 @@ Columns<T> influence_vjp(const M& metric, const Ramp<T>& ramp, const Columns<T>&
 /// the sum may exceed 1), or scaled down to a sum of at most 1.
 enum class Overlap { sum, normalized };
 
+namespace detail {
+
 /// Applies the overlap policy to two weights, 1 x N, in place; returns the largest sum before.
 template <Real T>
 T resolve_overlap(Overlap policy, Columns<T>& left, Columns<T>& right) {
@@ -149,5 +159,7 @@ T resolve_overlap(Overlap policy, Columns<T>& left, Columns<T>& right) {
     }
     return greatest;
 }
+
+} // namespace detail
 
 } // namespace rye

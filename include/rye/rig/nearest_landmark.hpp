@@ -18,6 +18,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Nearest of the landmarks offered so far; the first one of a tie.
 template <class T>
 struct NearestSoFar {
@@ -33,8 +35,6 @@ struct NearestSoFar {
         }
     }
 };
-
-namespace detail {
 
 /// Returns the nearest of `count` landmarks, at(k), to a point whose squared distances are all
 /// beyond the range of T, by comparing squares in a unit that keeps those of all finite points in
@@ -111,8 +111,8 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
 /// Returns the nearest of these landmarks, 3 x K, to a point; the lowest index wins a tie. Its
 /// index is -1 if K = 0 or the point is not finite.
 template <class T>
-NearestSoFar<T> nearest_landmark(const Vec3<T>& point, const ColumnsView<T>& landmarks) {
-    NearestSoFar<T> best;
+detail::NearestSoFar<T> nearest_landmark(const Vec3<T>& point, const ColumnsView<T>& landmarks) {
+    detail::NearestSoFar<T> best;
     for (Index k = 0; k < landmarks.cols(); ++k)
         best.offer(point[0] - landmarks(0, k), point[1] - landmarks(1, k),
                    point[2] - landmarks(2, k), k);
@@ -145,7 +145,7 @@ Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& poin
                                                 {squared.data(), indices});
         } else {
             for (Index i = begin; i < end; ++i) {
-                const NearestSoFar<T> best = nearest_landmark<T>(points.col(i), landmarks);
+                const detail::NearestSoFar<T> best = nearest_landmark<T>(points.col(i), landmarks);
                 if (indices) indices[i] = best.which;
                 squared(0, i) = best.squared;
             }
@@ -160,6 +160,8 @@ struct NearestGradient {
     Columns<T> points;     ///< 3 x N
     Columns<T> landmarks;  ///< 3 x K
 };
+
+namespace detail {
 
 /// Returns the cotangents of the points and the landmarks, with the nearest landmarks held fixed.
 template <class T, Backend B>
@@ -188,5 +190,7 @@ NearestGradient<T> nearest_squared_distance_vjp(const B& backend, const ColumnsV
                    });
     return r;
 }
+
+} // namespace detail
 
 } // namespace rye

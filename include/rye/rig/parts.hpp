@@ -146,6 +146,8 @@ struct UpsampledBy : detail::PartEntry<detail::UpsamplerSlot, U> {
     static constexpr std::string_view name = "upsampler";
 };
 
+namespace detail {
+
 /// Metric of the expression's influence in an avatar of effects S.
 template <EffectSet S>
 using ExpressionInfluenceOf =
@@ -158,6 +160,9 @@ using PoseInfluenceOf =
 template <EffectSet S>
 using GazeInfluenceOf =
     typename detail::PartOf<S, detail::GazeInfluenceSlot, ConfiguredMetric>::type;
+
+} // namespace detail
+
 /// Mechanism that turns the eyes; by default ExplicitRotation.
 template <EffectSet S>
 using GazeMechanismOf =
@@ -165,6 +170,9 @@ using GazeMechanismOf =
 /// Appearance of the eyes' points; by default FreeFeatures.
 template <EffectSet S>
 using EyeAppearanceOf = typename detail::PartOf<S, detail::EyesSlot, FreeFeatures>::type;
+
+namespace detail {
+
 /// Source of the eyeballs' points.
 template <EffectSet S>
 using EyeballSourceOf =
@@ -189,5 +197,7 @@ inline constexpr bool default_parts = false;
 template <class... E>
 inline constexpr bool default_parts<Effects<E...>> =
     !(requires { typename E::part_of; } || ...);
+
+} // namespace detail
 
 } // namespace rye

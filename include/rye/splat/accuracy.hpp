@@ -167,6 +167,8 @@ RYE_HD constexpr double screen_dilation(const A& accuracy) {
     return A::antialias == Antialias::none ? 0.0 : accuracy.dilation;
 }
 
+namespace detail {
+
 /// Throws an Error unless alpha_min, as a number of type R, is positive, or 0 where alpha_floor is
 /// positive: the logarithm of 0 bounds no ellipse, and all Gaussians would be culled.
 template <class R, AccuracyPolicy A>
@@ -175,6 +177,8 @@ void check_alpha_min(const A& accuracy) {
     require(least > 0 || (A::has_floor && least == 0 && accuracy.alpha_floor > 0), "rasterizer",
             "got alpha_min = ", accuracy.alpha_min, ", expected a positive number such as 1e-9");
 }
+
+} // namespace detail
 
 static_assert(AccuracyPolicy<Balanced> && AccuracyPolicy<Compatible3dgsFloor>);
 static_assert(!AccuracyPolicy<BlendOrder>);

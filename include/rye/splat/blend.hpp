@@ -29,6 +29,8 @@ struct Response {
     T exponent;
 };
 
+namespace detail {
+
 /// Returns one of the two squares of the exponent log2 o - u^2 - v^2. Apart, since the pixels of a
 /// column share the one in u.
 template <class V>
@@ -36,12 +38,14 @@ template <class V>
     return exponent - w * w;
 }
 
+} // namespace detail
+
 /// Returns the response of a Gaussian at an offset (dx, dy) from its centre [px].
 template <class T>
 RYE_HD Response<T> respond(const Splat<T>& s, const T& dx, const T& dy) {
     const T u = s.ux * dx;
     const T v = s.vx * dx + s.vy * dy;
-    return {u, v, less_square(less_square(s.log2_opacity, u), v)};
+    return {u, v, detail::less_square(detail::less_square(s.log2_opacity, u), v)};
 }
 
 /// A pixel that is walked by itself: the walk branches past a Gaussian that does not reach it, and
@@ -89,6 +93,8 @@ struct SinglePixel {
         return c + a * b;
     }
 };
+
+namespace detail {
 
 /// Pixels that are walked together, in lanes or threads, without a branch of their own: a pixel
 /// that is full, or that a Gaussian does not reach, takes nothing. A full pixel keeps the
@@ -164,6 +170,8 @@ struct PixelCotangent : ColourCotangent<V> {
     V alpha, depth;
 };
 
+} // namespace detail
+
 /// The formulas by the rules A, for numbers V in a walk of Pixels. Exp2: 2^x of exponents from the
 /// cut to log2 o; in a group of pixels it also meets others, and may give any number there.
 template <class A, class V, class Pixels, class Exp2>
@@ -179,8 +187,8 @@ struct Blend {
         return exponent >= cut;
     }
     /// Returns the coverage of a pixel. `floor` is o f, not read unless the rules have one.
-    [[gnu::always_inline]] RYE_HD Coverage<V> coverage(const V& exponent, const V& cut,
-                                                       const V& floor) const {
+    [[gnu::always_inline]] RYE_HD detail::Coverage<V> coverage(const V& exponent, const V& cut,
+                                                               const V& floor) const {
         V bell = V(Exp2()(exponent)), alpha = bell;
         if constexpr (A::has_floor) alpha = alpha - floor;
         if constexpr (Pixels::keeps_bell) bell = Pixels::when(alpha < alpha_max, bell);
@@ -190,7 +198,8 @@ struct Blend {
 
     /// Returns the contribution to a pixel by the stop rule; `transmittance` becomes what is behind
     /// it.
-    [[gnu::always_inline]] RYE_HD auto take(const Coverage<V>& given, V& transmittance) const {
+    [[gnu::always_inline]] RYE_HD auto take(const detail::Coverage<V>& given,
+                                            V& transmittance) const {
         const V before = transmittance;
         V alpha = given.alpha;
         if constexpr (A::stop_rule == Stop::inclusive)
@@ -202,12 +211,12 @@ struct Blend {
             alpha = Pixels::when(more, alpha);
             weight = Pixels::when(more, weight);
             transmittance = select(more, behind, V(Pixels::full(before)));
-            return TakenContribution<V, std::remove_const_t<decltype(more)>>{
+            return detail::TakenContribution<V, std::remove_const_t<decltype(more)>>{
                 {{alpha, given.bell}, before, weight}, more};
         } else {
             transmittance = behind;
-            return TakenContribution<V, std::true_type>{{{alpha, given.bell}, before, weight},
-                                                        {}};
+            return detail::TakenContribution<V, std::true_type>{
+                {{alpha, given.bell}, before, weight}, {}};
         }
     }
 
@@ -226,7 +235,8 @@ struct Blend {
     /// Returns the derivative of alpha in a direction, for contribution c, which `take` returned:
     /// from the tangents of the exponent and of the floor. What is clamped, or not taken, does not
     /// move.
-    [[gnu::always_inline]] RYE_HD V alpha_jvp(const Contribution<V>& c, const V& exponent_tangent,
+    [[gnu::always_inline]] RYE_HD V alpha_jvp(const detail::Contribution<V>& c,
+                                              const V& exponent_tangent,
                                               [[maybe_unused]] const V& floor_tangent) const {
         V alpha = V(R(0.69314718055994530942)) * c.bell * exponent_tangent;
         if constexpr (A::has_floor) alpha = alpha - floor_tangent;
@@ -236,8 +246,8 @@ struct Blend {
 
     /// Returns the derivative of the weight that `take` returned; `transmittance_tangent` becomes
     /// that of what is behind.
-    [[gnu::always_inline]] RYE_HD V take_jvp(const Contribution<V>& c, const V& exponent_tangent,
-                                             const V& floor_tangent,
+    [[gnu::always_inline]] RYE_HD V take_jvp(const detail::Contribution<V>& c,
+                                             const V& exponent_tangent, const V& floor_tangent,
                                              V& transmittance_tangent) const {
         const V alpha = alpha_jvp(c, exponent_tangent, floor_tangent);
         const V weight = alpha * c.before + c.alpha * transmittance_tangent;
@@ -262,8 +272,8 @@ struct Blend {
     }
 
     /// Steps back over contribution c, whose excess is `more`; b becomes that in front of it.
-    [[gnu::always_inline]] RYE_HD ResponseCotangent<V> step_back(const Contribution<V>& c, V more,
-                                                                 const V& floor, V& b) const {
+    [[gnu::always_inline]] RYE_HD detail::ResponseCotangent<V> step_back(
+        const detail::Contribution<V>& c, V more, const V& floor, V& b) const {
         if constexpr (A::has_floor || !Pixels::slope_from_weight)
             more = Pixels::when(Pixels::settled(c.weight > V(R(0))), more);
         b = in_front(b, c.alpha, more);
@@ -291,9 +301,9 @@ struct Blend {
     /// `gaussian`, of which floor and depth are read, are added to `sum`: the numbers of
     /// SplatCotangent in their order.
     template <class Gaussian, class Cotangent, class Sums>
-    [[gnu::always_inline]] RYE_HD void take_vjp(const Contribution<V>& c, const V& u, const V& v,
-                                                const Gaussian& gaussian, const Cotangent& g,
-                                                V& behind, Sums&& sum) const {
+    [[gnu::always_inline]] RYE_HD void take_vjp(const detail::Contribution<V>& c, const V& u,
+                                                const V& v, const Gaussian& gaussian,
+                                                const Cotangent& g, V& behind, Sums&& sum) const {
         const V weight = c.weight;                         // sums may be stored beside c
         const auto [g_exponent, g_opacity] =
             step_back(c, excess(gaussian, g, behind), gaussian.floor, behind);

@@ -15,8 +15,13 @@ namespace rye {
 
 /// sqrt(log2(e) / 2) and its inverse: whitened offsets to folded ones and back.
 inline constexpr double fold = 0.84932180028801904272;
+
+namespace detail {
+
 /// The inverse of fold.
 inline constexpr double unfold = 1.17741002251547469101;
+
+} // namespace detail
 
 /// A Gaussian as a pixel sees it.
 template <class T>
@@ -63,6 +68,8 @@ RYE_HD Splat<T> make_splat(const ScreenGaussian<T>& s, const T& opacity, const A
     return r;
 }
 
+namespace detail {
+
 /// Returns the gradient of the screen Gaussian from the sums over pixels.
 template <class T>
 RYE_HD ScreenCotangent<T> screen_cotangent(const Splat<T>& s, const SplatCotangent<T>& g) {
@@ -74,5 +81,7 @@ RYE_HD ScreenCotangent<T> screen_cotangent(const Splat<T>& s, const SplatCotange
     r.depth = g.depth;
     return r;
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -9,7 +9,7 @@
 #include <rye/splat/falloff.hpp>
 #include <rye/splat/tiles.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Returns a screen Gaussian's extent without derivatives, in the image's pixels.
 template <class A, class T>
@@ -37,4 +37,4 @@ RYE_HD auto footprint_of(const ScreenGaussian<T>& s, const Splat<T>& splat, cons
     return f;
 }
 
-} // namespace rye
+} // namespace rye::detail

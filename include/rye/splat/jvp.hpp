@@ -14,7 +14,7 @@
 #include <rye/splat/lanes/jvp.hpp>
 #include <rye/splat/plain/jvp.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Rasterizer::jvp on backend B for scalars T: by duals of plain loops.
 template <class B, class T>
@@ -100,4 +100,4 @@ struct SplatJvp<B, T> : SplatJvp<ScalarBackend<std::remove_cvref_t<decltype(B::t
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

@@ -11,7 +11,7 @@
 #include <rye/splat/lanes/vjp.hpp>
 #include <rye/splat/rasterizer.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Calls f with the number of channels as a constant if it is one of the few, else with 0.
 template <int... Few, class F>
@@ -67,4 +67,4 @@ struct SplatKernels<B, T> {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

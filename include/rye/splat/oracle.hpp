@@ -55,6 +55,8 @@ std::vector<std::uint32_t> depth_order(const Gaussians<T>& g, const Pinhole<T>& 
     return order;
 }
 
+namespace detail {
+
 /// A Gaussian on the screen, by its covariances.
 template <Scalar R>
 struct OracleEllipse {
@@ -181,28 +183,35 @@ inline std::vector<OracleEllipse<long double>> oracle_ellipses(
     return ellipses;
 }
 
-inline OracleScene::OracleScene(const Gaussians<double>& gaussians, const Pinhole<double>& lens,
-                                const std::vector<std::uint32_t>& order, const OracleModel& m)
-    : g(gaussians), camera(lens), model(m), ellipses(oracle_ellipses(g, camera, order, m)) {
+} // namespace detail
+
+inline detail::OracleScene::OracleScene(const Gaussians<double>& gaussians,
+                                        const Pinhole<double>& lens,
+                                        const std::vector<std::uint32_t>& order,
+                                        const OracleModel& m)
+    : g(gaussians),
+      camera(lens),
+      model(m),
+      ellipses(detail::oracle_ellipses(g, camera, order, m)) {
     if (model.rays || model.order == BlendOrder::by_peak)
-        for (const auto& e : ellipses) solids.push_back(oracle_solid(g, camera, e.index));
+        for (const auto& e : ellipses) solids.push_back(detail::oracle_solid(g, camera, e.index));
 }
 
 template <Real T>
-void OracleScene::pixel(int x, int y, std::vector<PixelContribution<T>>& hits) const {
+void detail::OracleScene::pixel(int x, int y, std::vector<PixelContribution<T>>& hits) const {
     using R = long double;
     hits.clear();
     const Vec3<double> ray((x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy,
                            1.0);
     for (std::size_t k = 0; k < ellipses.size(); ++k) {
-        const OracleEllipse<R>& e = ellipses[k];
+        const detail::OracleEllipse<R>& e = ellipses[k];
         const R dx = x + R(0.5) - e.u, dy = y + R(0.5) - e.v;
         R form = e.a * dx * dx + 2 * e.b * dx * dy + e.c * dy * dy;
         T depth = static_cast<T>(e.z);
         double peak = 0;
         if (!model.rays && form > 1500) continue;      // exp of it is 0 in double
         if (!solids.empty()) {
-            const OracleSolid::Meeting m = solids[k].meet(ray);
+            const detail::OracleSolid::Meeting m = solids[k].meet(ray);
             peak = m.depth;
             if (model.rays) {
                 if (!(m.depth > 0) || m.form > 1500) continue;
@@ -224,12 +233,12 @@ template <Real T = double>
 OracleImages oracle(const Gaussians<double>& g, const Pinhole<double>& camera,
                     const VecX<double>& background, const std::vector<std::uint32_t>& order,
                     const OracleModel& model = {}) {
-    const OracleScene scene(g, camera, order, model);
+    const detail::OracleScene scene(g, camera, order, model);
     const int channels = static_cast<int>(g.channels());
     OracleImages out{{camera.width, camera.height, channels},
                      {camera.width, camera.height, 1},
                      {camera.width, camera.height, 1}};
-    std::vector<OracleScene::PixelContribution<T>> hits;
+    std::vector<detail::OracleScene::PixelContribution<T>> hits;
     for (int y = 0; y < camera.height; ++y)
         for (int x = 0; x < camera.width; ++x) {
             T t = 1, depth = 0;

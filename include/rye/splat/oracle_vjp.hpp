@@ -76,8 +76,8 @@ inline void oracle_pixel_vjp(const OracleScene& scene, const VecX<double>& backg
 } // namespace detail
 
 /// Returns the gradients of everything in the scene's Gaussians for a cotangent of the image.
-inline Gaussians<double> oracle_vjp(const OracleScene& scene, const VecX<double>& background,
-                                    const OracleCotangent& w) {
+inline Gaussians<double> oracle_vjp(const detail::OracleScene& scene,
+                                    const VecX<double>& background, const OracleCotangent& w) {
     using D = Dual<long double, 10>;
     const Gaussians<double>& g = scene.g;
     const Pinhole<double>& camera = scene.camera;
@@ -97,7 +97,8 @@ inline Gaussians<double> oracle_vjp(const OracleScene& scene, const VecX<double>
         for (int j = 0; j < 3; ++j) mean[j] = lift(g.mean(j, i));
         for (int j = 0; j < 4; ++j) q[j] = lift(g.rotation(j, i));
         for (int j = 0; j < 3; ++j) scale[j] = lift(g.scale(j, i));
-        const OracleEllipse<D> e = oracle_ellipse<D>({i, mean, q, scale}, lens, scene.model);
+        const detail::OracleEllipse<D> e =
+            detail::oracle_ellipse<D>({i, mean, q, scale}, lens, scene.model);
         const std::array<const D*, 5> parts{&e.u, &e.v, &e.a, &e.b, &e.c};
         std::array<long double, 10> sum{};
         for (std::size_t part = 0; part < 5; ++part)

@@ -29,6 +29,8 @@ inline constexpr Outputs features_only{.depth = false, .contributor = false};
 /// Contributor of a pixel to which nothing contributes.
 inline constexpr std::uint32_t no_contributor = 0xFFFFFFFF;
 
+namespace detail {
+
 /// The images that a render with these outputs has.
 template <class T, Outputs O>
 struct OutputImages {
@@ -39,6 +41,8 @@ struct OutputImages {
     [[no_unique_address]] PresentIf<O.contributor, ContributorImage, Image<std::uint32_t>>
         contributor;
 };
+
+} // namespace detail
 
 /// Policy A with other outputs.
 template <class A, Outputs O>

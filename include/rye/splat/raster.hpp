@@ -24,7 +24,7 @@ inline constexpr std::uint32_t no_member = 0xFFFFFFFF;
 template <class T>
 struct alignas(64) VisibleGaussian {
     Splat<T> splat;
-    TileRows rows;
+    detail::TileRows rows;
     std::uint32_t source;                ///< its index
 };
 static_assert(sizeof(VisibleGaussian<float>) == 64);
@@ -34,7 +34,7 @@ template <class T>
 struct RasterTrace {
     std::vector<VisibleGaussian<T>> members; ///< visible Gaussians, as `lists` numbers them
     std::vector<std::uint32_t> member;   ///< [Gaussians] its member, or no_member
-    std::vector<RayPeak<real_t<T>>> peaks; ///< by member, if they are the order; else empty
+    std::vector<detail::RayPeak<real_t<T>>> peaks; ///< by member, if they are the order; else empty
     TileLists lists;
     std::vector<Index> used;             ///< [tiles] entries read before all pixels were full
     Index non_finite = 0;                ///< Gaussians left out for a NaN or an infinity
@@ -42,11 +42,13 @@ struct RasterTrace {
 
 /// feature = sum_i T_i a_i c_i + T_end background, alpha = 1 - T_end, and the optional outputs.
 template <class T, Outputs O = Outputs{}>
-struct Raster : OutputImages<T, O> {
+struct Raster : detail::OutputImages<T, O> {
     Image<T> feature;                    ///< C channels
     Image<T> alpha;                      ///< 1 channel, in 0..1
     RasterTrace<T> trace;
 };
+
+namespace detail {
 
 /// Strips of a tile that are drawn, a bit each (splat/lanes/group.hpp); their pixels alone are
 /// written. The plain walk draws them all.
@@ -85,8 +87,12 @@ struct DrawnTiles {
     const StripMask& mask(Index k) const { return strips != nullptr ? strips[k] : all_strips; }
 };
 
+} // namespace detail
+
 /// Visibility of a Gaussian: not drawn, drawn, or not drawn as a number of it is not finite.
 enum class Visibility : std::uint8_t { hidden, visible, non_finite };
+
+namespace detail {
 
 /// Partial gradients, one slot an entry, so that no two threads write to one: a SplatCotangent's
 /// numbers, an idle one, and the features, in whole eights, as sums of lanes are written. A slot
@@ -111,10 +117,12 @@ struct PartialGradients {
     bool is_touched(Index slot) const { return touched[static_cast<std::size_t>(slot)] != 0; }
 };
 
+} // namespace detail
+
 /// Memory that renders may share to spare allocations; it holds no state between calls.
 template <class T>
 struct RasterScratch {
-    using Key = decltype(depth_key(real_t<T>()));
+    using Key = decltype(detail::depth_key(real_t<T>()));
 
     std::vector<VisibleGaussian<T>> candidates;  ///< by index; only visible ones hold anything
     std::vector<Footprint<real_t<T>>> footprints; ///< by index; only of those whose rows do not
@@ -123,8 +131,8 @@ struct RasterScratch {
     std::vector<std::uint32_t> first_tile; ///< by index: the tile that orders visible ones
     /// [chunks, tiles] Number of members in the tile, then index of the next one.
     std::vector<std::vector<std::uint32_t>> tile_counts;
-    BinScratch<Key> bins;
-    BinScratch<std::uint64_t> fine_bins; ///< for policies that ask for more bits than T's
+    detail::BinScratch<Key> bins;
+    detail::BinScratch<std::uint64_t> fine_bins; ///< for policies that ask for more bits than T's
 
     /// Makes room for n Gaussians; room that an earlier render had stays as it is.
     void shape(Index n) {
@@ -135,9 +143,11 @@ struct RasterScratch {
         first_tile.resize(count);
     }
 
-    PartialGradients<T> slots;
-    Workspaces workspaces;
+    detail::PartialGradients<T> slots;
+    detail::Workspaces workspaces;
 };
+
+namespace detail {
 
 /// A tile and its strips to draw.
 struct DrawnTile {
@@ -150,6 +160,8 @@ struct TilePixel {
     Index tile;
     int x, y;
 };
+
+} // namespace detail
 
 /// Inputs of a walk over pixels.
 template <class T>
@@ -176,10 +188,14 @@ struct Scene {
     Index end(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile) + 1]; }
     Index used(Index tile) const { return trace.used[static_cast<std::size_t>(tile)]; }
     /// Returns the top left pixel of a tile, and the end of its pixels.
-    int left(Index tile) const { return static_cast<int>(tile % trace.lists.columns) * tile_edge; }
-    int top(Index tile) const { return static_cast<int>(tile / trace.lists.columns) * tile_edge; }
-    int right(Index tile) const { return std::min(width, left(tile) + tile_edge); }
-    int bottom(Index tile) const { return std::min(height, top(tile) + tile_edge); }
+    int left(Index tile) const {
+        return static_cast<int>(tile % trace.lists.columns) * detail::tile_edge;
+    }
+    int top(Index tile) const {
+        return static_cast<int>(tile / trace.lists.columns) * detail::tile_edge;
+    }
+    int right(Index tile) const { return std::min(width, left(tile) + detail::tile_edge); }
+    int bottom(Index tile) const { return std::min(height, top(tile) + detail::tile_edge); }
     Index pixel(int x, int y) const { return static_cast<Index>(y) * width + x; }
 };
 
@@ -191,11 +207,15 @@ struct RasterCotangent {
     const Columns<T>* depth = nullptr;   ///< 1 x pixels
 };
 
+namespace detail {
+
 /// A tile, and the cotangents of the images that it is part of.
 template <class T>
 struct TileCotangent {
     const RasterCotangent<T>& images;
     Index tile;
 };
+
+} // namespace detail
 
 } // namespace rye

@@ -22,10 +22,11 @@ template <class T, Distortion D>
 struct RasterJvpInput;
 template <class T, Outputs O>
 struct RasterJvp;
-template <class B, class T>
-struct SplatJvp;
 
 namespace detail {
+
+template <class B, class T>
+struct SplatJvp;
 
 /// True for arguments of Rasterizer::forward among which one is missing: fewer than three, or a
 /// backend and two more.
@@ -145,7 +146,7 @@ struct Rasterizer {
         }
         out.trace.used.resize(static_cast<std::size_t>(out.trace.lists.tiles()));
         blend_into(backend, scene_of(g, camera, background, out.trace),
-                   DrawnTiles().part(0, out.trace.lists.tiles()), out, s);
+                   detail::DrawnTiles().part(0, out.trace.lists.tiles()), out, s);
     }
 
     /// Does the first step of forward_into: candidate and state of every Gaussian.
@@ -155,17 +156,17 @@ struct Rasterizer {
         s.shape(g.count());
         const SplatInput<A, T, D> in{g, camera, accuracy};
         for_chunks(backend.threads, g.count(), 256, [&](Index b, Index e, Index) {
-            SplatKernels<B, T>::project(in, {b, e}, s);
+            detail::SplatKernels<B, T>::project(in, {b, e}, s);
         });
     }
 
     /// Does the last step of forward_into: draws tiles. The other pixels stay.
     template <Backend B, class T>
-    void blend_into(const B& backend, const Scene<T>& scene, const DrawnTiles& drawn, Drawn<T>& out,
-                    RasterScratch<T>& s) const {
+    void blend_into(const B& backend, const Scene<T>& scene, const detail::DrawnTiles& drawn,
+                    Drawn<T>& out, RasterScratch<T>& s) const {
         for_tiles(backend, drawn.end - drawn.begin, [&](Index b, Index e) {
-            SplatKernels<B, T>::blend(scene, accuracy, drawn.part(drawn.begin + b, drawn.begin + e),
-                                      out, s.workspaces);
+            detail::SplatKernels<B, T>::blend(
+                scene, accuracy, drawn.part(drawn.begin + b, drawn.begin + e), out, s.workspaces);
         });
     }
 
@@ -214,12 +215,12 @@ struct Rasterizer {
         s.slots.shape(trace.lists.entries(), g.channels());
         const Scene<T> scene = scene_of(g, camera, background, trace);
         for_tiles(backend, trace.lists.tiles(), [&](Index b, Index e) {
-            SplatKernels<B, T>::blend_vjp(scene, accuracy, cotangent, {b, e}, s);
+            detail::SplatKernels<B, T>::blend_vjp(scene, accuracy, cotangent, {b, e}, s);
         });
         out.resize(g.count(), g.channels());
         const SplatInput<A, T, D> in{g, camera, accuracy};
         for_chunks(backend.threads, g.count(), 256, [&](Index b, Index e, Index) {
-            SplatKernels<B, T>::project_vjp(in, trace, {b, e}, s, out);
+            detail::SplatKernels<B, T>::project_vjp(in, trace, {b, e}, s, out);
         });
     }
 
@@ -241,8 +242,9 @@ struct Rasterizer {
                   RasterJvp<T, A::outputs>& out, RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
         check(g, camera, background);
-        SplatJvp<B, T>::run(*this, backend, RasterJvpInput<T, D>{g, tangents, camera, background},
-                            out, scratch != nullptr ? *scratch : own);
+        detail::SplatJvp<B, T>::run(*this, backend,
+                                    RasterJvpInput<T, D>{g, tangents, camera, background}, out,
+                                    scratch != nullptr ? *scratch : own);
     }
 
   private:
@@ -266,7 +268,7 @@ struct Rasterizer {
                 pixels, " pixels, expected at most ", std::numeric_limits<Index>::max());
         require(camera.near_depth > T(0), "rasterizer",
                 "got a near depth that is not positive, expected a positive one");
-        check_alpha_min<real_t<T>>(accuracy);
+        detail::check_alpha_min<real_t<T>>(accuracy);
         const std::int64_t count = g.count();  // Index may have 32 bits
         require(count < std::int64_t(no_member), "rasterizer", "got ", count,
                 " Gaussians, expected fewer than 2^32 - 1");

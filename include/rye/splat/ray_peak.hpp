@@ -13,7 +13,7 @@
 #include <rye/gaussian/project.hpp>
 #include <rye/gaussian/view.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// A Gaussian's densest point along rays, by the formula above.
 template <Real R>
@@ -73,4 +73,4 @@ RayPeak<real_t<T>> ray_peak(const std::type_identity_t<GaussianView<T>>& g,
     return ray_peak(shape, pose, value(camera.fx), value(camera.fy));
 }
 
-} // namespace rye
+} // namespace rye::detail

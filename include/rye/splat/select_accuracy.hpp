@@ -48,6 +48,8 @@ inline constexpr std::array<AccuracyRung, 10> accuracy_ladder{{
     {"Exact32", 1e-9, 1e-8, 1},
 }};
 
+namespace detail {
+
 /// Settings of select_accuracy's samples.
 struct SelectSettings {
     Index random_tiles = 64;   ///< drawn at random; all, if there are no more
@@ -55,6 +57,8 @@ struct SelectSettings {
     double margin = 0.9;       ///< sampled errors must stay below this share of the bound
     std::uint64_t seed = 1;
 };
+
+} // namespace detail
 
 /// The policy that select_accuracy chose, with the errors that it found.
 struct SelectedAccuracy {
@@ -122,10 +126,10 @@ double tile_gap(const Sample& a, const Sample& b, Index tile, int first, int str
 template <Real T, Backend B>
 SelectedAccuracy select_accuracy(const B& backend, const Gaussians<T>& g, const Pinhole<T>& camera,
                                  const VecX<T>& background, double bound,
-                                 const SelectSettings& settings = {}) {
+                                 const detail::SelectSettings& settings = {}) {
     using Sample = detail::TileSample<B, T>;
     require(bound > 0, "select_accuracy", "got a bound of ", bound, ", expected a positive one");
-    check_shapes("select_accuracy", g);
+    detail::check_shapes("select_accuracy", g);
     const AccuracyRung& last = accuracy_ladder.back();
     SelectedAccuracy chosen{last.accuracy(), last.name};
     const double size = std::max(1.0, g.feature.size() > 0
@@ -145,7 +149,8 @@ SelectedAccuracy select_accuracy(const B& backend, const Gaussians<T>& g, const 
         coarse.prepare();
         for_chunks(backend.threads, all, 16, [&](Index b, Index e, Index) {
             for (Index t = b; t < e; ++t)
-                at(probe, t) = detail::tile_gap(exact, coarse, t, tile_edge / 2, tile_edge);
+                at(probe, t) =
+                    detail::tile_gap(exact, coarse, t, detail::tile_edge / 2, detail::tile_edge);
         });
         for (Index t = 0; t < all; ++t) at(order, t) = t;
         std::stable_sort(order.begin(), order.end(),

@@ -14,10 +14,14 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Indices [begin, end) of the Gaussians or tiles of one chunk.
 struct ChunkRange {
     Index begin, end;
 };
+
+} // namespace detail
 
 /// Gaussians to draw, with the camera and the rules.
 template <class A, class T, Distortion D>
@@ -29,12 +33,16 @@ struct SplatInput {
 template <class A, class T, Distortion D>
 SplatInput(const GaussianView<T>&, const Pinhole<T, D>&, const A&) -> SplatInput<A, T, D>;
 
+namespace detail {
+
 /// The partial gradients of a render.
 template <class T>
 struct TracedSlots {
     const RasterTrace<T>& trace;
     const PartialGradients<T>& slots;
 };
+
+} // namespace detail
 
 /// Completes candidate i, whose splat is known: it is visible if it has rows, of an image that has
 /// columns. x: its centre [px].
@@ -51,9 +59,12 @@ void cull(Index i, const Span& rows, const real_t<T>& x, const Pinhole<T, D>& ca
     scratch.state[at] = visible ? Visibility::visible : Visibility::hidden;
     if (!visible) return;
     const R column = std::clamp(x, R(0), static_cast<R>(camera.width - 1));
-    scratch.first_tile[at] = static_cast<std::uint32_t>(
-        rows.begin / tile_edge * tiles_across(camera.width) + static_cast<int>(column) / tile_edge);
+    scratch.first_tile[at] =
+        static_cast<std::uint32_t>(rows.begin / detail::tile_edge * tiles_across(camera.width) +
+                                   static_cast<int>(column) / detail::tile_edge);
 }
+
+namespace detail {
 
 /// Returns the depth of Gaussian i in double, whatever it is given in.
 template <class T, Distortion D>
@@ -113,22 +124,24 @@ void gather_members(const P& threads, const SplatInput<A, T, D>& in, RasterScrat
     });
 }
 
+} // namespace detail
+
 /// Makes visible candidates members and entries of tiles in the order of depth, ties by index.
 template <class A, class T, Distortion D, Backend B>
 void bin_and_sort(const B& backend, const SplatInput<A, T, D>& in, RasterScratch<T>& scratch,
                   RasterTrace<T>& trace) {
     using R = real_t<T>;
     constexpr bool fine = A::depth_bits > 8 * static_cast<int>(sizeof(R));
-    gather_members(backend.threads, in, scratch, trace);
+    detail::gather_members(backend.threads, in, scratch, trace);
     const auto member = [&](Index m) -> const VisibleGaussian<T>& {
         return trace.members[static_cast<std::size_t>(m)];
     };
     const auto key = [&](Index m) {
         if constexpr (fine)
-            return depth_key(
-                fine_depth(in.gaussians, in.camera, static_cast<Index>(member(m).source)));
+            return detail::depth_key(
+                detail::fine_depth(in.gaussians, in.camera, static_cast<Index>(member(m).source)));
         else
-            return depth_key(static_cast<R>(value_of(member(m).splat.depth)));
+            return detail::depth_key(static_cast<R>(value_of(member(m).splat.depth)));
     };
     auto& bins = [&]() -> auto& {
         if constexpr (fine)
@@ -136,9 +149,9 @@ void bin_and_sort(const B& backend, const SplatInput<A, T, D>& in, RasterScratch
         else
             return scratch.bins;
     }();
-    const BinInput members{
+    const detail::BinInput members{
         static_cast<Index>(trace.members.size()),
-        [&](Index m) -> const TileRows& { return member(m).rows; }, key,
+        [&](Index m) -> const detail::TileRows& { return member(m).rows; }, key,
         [&](Index m) { return member(m).source; },
         [&](Index m) -> const Footprint<R>& { return scratch.footprints[member(m).source]; }};
     trace.lists.template build<A::support, R>(backend.threads, {in.camera.width, in.camera.height},
@@ -147,7 +160,8 @@ void bin_and_sort(const B& backend, const SplatInput<A, T, D>& in, RasterScratch
 
 /// Adds a member's slots over its tiles, in the order of tiles, to sum[0 ... stride).
 template <class T>
-void merge_slots(const TileLists& lists, const PartialGradients<T>& slots, Index member, T* sum) {
+void merge_slots(const TileLists& lists, const detail::PartialGradients<T>& slots, Index member,
+                 T* sum) {
     std::fill_n(sum, slots.stride, T(0));
     const auto m = static_cast<std::size_t>(member);
     for (Index i = lists.first[m]; i < lists.first[m + 1]; ++i) {
@@ -157,11 +171,15 @@ void merge_slots(const TileLists& lists, const PartialGradients<T>& slots, Index
     }
 }
 
+namespace detail {
+
 /// Writes zeros for a Gaussian that is not drawn.
 template <class T>
 void clear_gradient(Gaussians<T>& out, Index i) {
     Gaussians<T>::fields(
         [&](const std::string&, Columns<T>& a) { a.col(i).setZero(); }, out);
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -28,11 +28,15 @@ struct RasterJvpInput {
     const VecX<T>& background;
 };
 
+namespace detail {
+
 /// Tangents of a Splat's numbers, but the cut-off, which does not move.
 template <class T>
 struct SplatTangent {
     T x, y, ux, vx, vy, log2_opacity, floor, depth;
 };
+
+} // namespace detail
 
 /// A render and the derivative of its images.
 template <class T, Outputs O>
@@ -41,8 +45,10 @@ struct RasterJvp {
     Columns<T> feature;      ///< C x pixels
     Columns<T> alpha;        ///< 1 x pixels
     Columns<T> depth;        ///< 1 x pixels, if the outputs have depth; else empty
-    std::vector<SplatTangent<T>> splats;  ///< [visible Gaussians] for lanes only
+    std::vector<detail::SplatTangent<T>> splats; ///< [visible Gaussians] for lanes only
 };
+
+namespace detail {
 
 /// Returns x with the derivative dx.
 template <class V>
@@ -79,5 +85,7 @@ auto dual_camera(const Pinhole<T, D>& camera, const Pinhole<T, D>* tangent) {
             of([i](const auto& p) { return p.camera_from_world.translation[i]; });
     return c;
 }
+
+} // namespace detail
 
 } // namespace rye

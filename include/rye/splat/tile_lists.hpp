@@ -93,6 +93,8 @@ struct Intersection {
     bool operator==(const Intersection&) const = default;
 };
 
+namespace detail {
+
 /// Memory that lists are made in; it holds no state between calls.
 template <class Key>
 struct BinScratch {
@@ -127,6 +129,8 @@ template <class PixelRows, class KeyOf, class IndexOf, class Footprints>
 BinInput(Index, PixelRows, KeyOf, IndexOf, Footprints)
     -> BinInput<PixelRows, KeyOf, IndexOf, Footprints>;
 
+} // namespace detail
+
 /// Lists of each tile's Gaussians, near to far. Visible Gaussians are members 0, 1, ... in the
 /// order of the tiles that they lie in, so that a tile reads adjacent memory.
 struct TileLists {
@@ -144,7 +148,7 @@ struct TileLists {
     /// The lists take at most max_memory bytes, with the scratch memory that they are made in.
     template <Support support, Real R, Threads P, class Members, class Key>
     void build(const P& threads, ImageSize size, const Members& members, std::uint64_t max_memory,
-               BinScratch<Key>& scratch) {
+               detail::BinScratch<Key>& scratch) {
         columns = tiles_across(size.width);
         rows = tiles_across(size.height);
         bin<support, R>(threads, size, members, max_memory, scratch);
@@ -154,9 +158,10 @@ struct TileLists {
     /// Memory of an entry and of its making: a mention, a key with it, and the buffer of a run of
     /// tiles [bytes].
     template <class Key = std::uint32_t>
-    static constexpr std::uint64_t entry_bytes =
-        sizeof(typename BinScratch<Key>::Mention) + sizeof(Intersection) +
-        sizeof(typename BinScratch<Key>::Binned) * 5 / 4;
+    static constexpr std::uint64_t entry_bytes = sizeof(typename detail::BinScratch<Key>::Mention) +
+                                                 sizeof(Intersection) +
+                                                 sizeof(typename detail::BinScratch<Key>::Binned) *
+                                                     5 / 4;
 
     /// Returns the entries that so much memory holds, which 32 bits count.
     template <class Key = std::uint32_t>
@@ -193,12 +198,12 @@ struct TileLists {
     /// follows from the counts of the chunks before it, so lists do not depend on the chunks.
     template <Support support, Real R, Threads P, class Members, class Key>
     void bin(const P& threads, ImageSize size, const Members& members, std::uint64_t max_memory,
-             BinScratch<Key>& scratch) {
+             detail::BinScratch<Key>& scratch) {
         const Index n = members.count;
         const std::int64_t max_entries = most_entries<Key>(max_memory);
-        using Chunk = typename BinScratch<Key>::Chunk;
+        using Chunk = typename detail::BinScratch<Key>::Chunk;
         const Index grain = std::max<Index>(512, (n + threads.size() - 1) / threads.size());
-        const Index chunks = chunk_count(n, grain);
+        const Index chunks = detail::chunk_count(n, grain);
         if (static_cast<Index>(scratch.chunks.size()) < chunks)
             scratch.chunks.resize(static_cast<std::size_t>(chunks));
         first.resize(static_cast<std::size_t>(n) + 1);
@@ -281,11 +286,11 @@ struct TileLists {
             for (int x = most; x < count; ++x)
                 to[x] = {tile + static_cast<std::uint32_t>(x), member};
         };
-        if constexpr (std::same_as<Rows, TileRows>)
+        if constexpr (std::same_as<Rows, detail::TileRows>)
             if (pixel_rows.known(size.width)) {
                 // The few rows are taken without asking how many there are.
                 const int row = pixel_rows.first_row(), rows_here = pixel_rows.last_row() - row;
-                for (int y = 0; y < TileRows::most; ++y) {
+                for (int y = 0; y < detail::TileRows::most; ++y) {
                     const auto& c = pixel_rows.columns[static_cast<std::size_t>(y)];
                     append(row + y, c[0], y < rows_here ? c[1] - c[0] : 0, at_once);
                 }
@@ -294,16 +299,16 @@ struct TileLists {
         each_tile_row<support, R>(
             size.width, size.height, pixel_rows,
             [&]() -> const Footprint<R>& { return members.footprint(m); },
-            [&](const TileRowSpan& s) { append(s.row, s.begin, s.end - s.begin, 0); });
+            [&](const detail::TileRowSpan& s) { append(s.row, s.begin, s.end - s.begin, 0); });
     }
 
     /// Sorts each tile's list.
     template <Threads P, class IndexOf, class Key>
-    void sort(const P& threads, const IndexOf& index, BinScratch<Key>& scratch) {
+    void sort(const P& threads, const IndexOf& index, detail::BinScratch<Key>& scratch) {
         constexpr Index run = 8;         // tiles: their lists differ in length
         entry.resize(static_cast<std::size_t>(entries()));
-        if (static_cast<Index>(scratch.buffers.size()) < chunk_count(tiles(), run))
-            scratch.buffers.resize(static_cast<std::size_t>(chunk_count(tiles(), run)));
+        if (static_cast<Index>(scratch.buffers.size()) < detail::chunk_count(tiles(), run))
+            scratch.buffers.resize(static_cast<std::size_t>(detail::chunk_count(tiles(), run)));
         for_chunks(threads, tiles(), run, [&](Index b, Index e, Index c) {
             auto& buffer = at(scratch.buffers, c);
             for (Index t = b; t < e; ++t) {

@@ -15,10 +15,14 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Side of a tile [px]: 16 has half the entries of 8.
 inline constexpr int tile_edge = 16;
 /// Pixels of a tile.
 inline constexpr int tile_pixels = tile_edge * tile_edge;
+
+} // namespace detail
 
 /// The region where a Gaussian's alpha can reach alpha_min: an ellipse, or a square.
 template <class R>              // Real, or a batch of them
@@ -33,6 +37,8 @@ struct Footprint {
 struct Span {
     int begin = 0, end = 0;
 };
+
+namespace detail {
 
 /// The same in whole numbers of type R: Real, or a batch of them.
 template <class R>
@@ -50,22 +56,27 @@ RYE_HD PixelInterval<R> pixel_interval(const R& low, const R& high, int size) {
     const R e = floor(min(top, R(max(R(S(-1)), R(high - R(S(0.5))))))) + R(S(1));
     return {b, min(top, e)};
 }
+
+} // namespace detail
+
 /// Returns the interval in integers.
 template <Real R>
-RYE_HD Span whole(const PixelInterval<R>& r) {
+RYE_HD Span whole(const detail::PixelInterval<R>& r) {
     return {static_cast<int>(r.begin), static_cast<int>(r.end)};
 }
 /// Returns the pixels of a row or column of `size` whose centres lie in [low, high].
 template <Real R>
 RYE_HD Span pixels_between(R low, R high, int size) {
-    return whole(pixel_interval(low, high, size));
+    return whole(detail::pixel_interval(low, high, size));
 }
 /// Returns the number of tiles along a side of an image.
-RYE_HD inline int tiles_across(int pixels) { return (pixels + tile_edge - 1) / tile_edge; }
+RYE_HD inline int tiles_across(int pixels) {
+    return (pixels + detail::tile_edge - 1) / detail::tile_edge;
+}
 /// Returns the tiles that these pixels lie in.
 RYE_HD inline Span tiles_of(const Span& px) {
     if (px.begin >= px.end) return {};
-    return {px.begin / tile_edge, (px.end - 1) / tile_edge + 1};
+    return {px.begin / detail::tile_edge, (px.end - 1) / detail::tile_edge + 1};
 }
 
 /// The footprint's rows of pixels, and for each row of tiles its columns of tiles.
@@ -77,20 +88,20 @@ struct Cover {
 
     RYE_HD Span rows() const { return whole(row_range()); }
 
-    RYE_HD PixelInterval<R> row_range() const {
+    RYE_HD detail::PixelInterval<R> row_range() const {
         using std::sqrt;
         if constexpr (support == Support::square) {
             return square(f.y, height);
         } else {
             const R reach = f.radius * sqrt(f.covariance.yy) + slack();
-            return pixel_interval(R(f.y - reach), R(f.y + reach), height);
+            return detail::pixel_interval(R(f.y - reach), R(f.y + reach), height);
         }
     }
 
     /// Returns the columns of tiles in tile row `row`; only pixels within `rows` count.
     RYE_HD Span columns(int row, const Span& rows) const {
-        const auto top = static_cast<R>(max(row * tile_edge, rows.begin));
-        const auto bottom = static_cast<R>(min((row + 1) * tile_edge, rows.end));
+        const auto top = static_cast<R>(max(row * detail::tile_edge, rows.begin));
+        const auto bottom = static_cast<R>(min((row + 1) * detail::tile_edge, rows.end));
         return tiles_of(whole(Slabs(*this).pixels(top, bottom)));
     }
 
@@ -110,13 +121,14 @@ struct Cover {
             squared = from.radius * from.radius;
             left_over = from.determinant * inverse_yy;
         }
-        RYE_HD PixelInterval<R> pixels(const R& top, const R& bottom) const {
+        RYE_HD detail::PixelInterval<R> pixels(const R& top, const R& bottom) const {
             if constexpr (support == Support::square) {
                 return c.square(c.f.x, c.width);
             } else {
                 const R low = top + R(S(0.5)) - c.f.y, high = bottom - R(S(0.5)) - c.f.y;
-                return pixel_interval(R(c.f.x + end(-widest, low, high, S(-1)) - slack),
-                                      R(c.f.x + end(widest, low, high, S(1)) + slack), c.width);
+                return detail::pixel_interval(R(c.f.x + end(-widest, low, high, S(-1)) - slack),
+                                              R(c.f.x + end(widest, low, high, S(1)) + slack),
+                                              c.width);
             }
         }
 
@@ -142,7 +154,7 @@ struct Cover {
     }
 
     /// Returns the 16 px tiles that [centre - radius, centre + radius] touches, as pixels.
-    RYE_HD PixelInterval<R> square(const R& centre, int size) const {
+    RYE_HD detail::PixelInterval<R> square(const R& centre, int size) const {
         using std::floor;
         constexpr S coarse = 16;
         const R top(static_cast<S>(size) + coarse), zero(S(0)), p = centre - R(S(0.5));
@@ -153,6 +165,8 @@ struct Cover {
         return {touched(R(p - f.radius)), touched(R(p + f.radius + R(coarse - 1)))};
     }
 };
+
+namespace detail {
 
 /// Rows of pixels, and the columns of tiles in the few rows of tiles that most Gaussians span.
 struct TileRows : Span {
@@ -171,26 +185,31 @@ struct TileRowSpan {
     int row, begin, end;
 };
 
+} // namespace detail
+
 /// Calls f for each row of tiles that a footprint reaches; `rows` are its rows of pixels, not
 /// empty, and footprint() is called only if these do not give the columns.
 template <Support support, Real R, class Rows, class Footprint, class F>
 void each_tile_row(int width, int height, const Rows& rows, const Footprint& footprint,
                    const F& f) {
-    const int begin = rows.begin / tile_edge, end = (rows.end + tile_edge - 1) / tile_edge;
-    if constexpr (std::same_as<Rows, TileRows>)
+    const int begin = rows.begin / detail::tile_edge,
+              end = (rows.end + detail::tile_edge - 1) / detail::tile_edge;
+    if constexpr (std::same_as<Rows, detail::TileRows>)
         if (rows.known(width)) {
             for (int y = begin; y < end; ++y) {
                 const auto& c = rows.columns[static_cast<std::size_t>(y - begin)];
-                f(TileRowSpan{y, c[0], c[1]});
+                f(detail::TileRowSpan{y, c[0], c[1]});
             }
             return;
         }
     const Cover<support, R> cover{footprint(), width, height};
     for (int y = begin; y < end; ++y) {
         const Span s = cover.columns(y, rows);
-        f(TileRowSpan{y, s.begin, s.end});
+        f(detail::TileRowSpan{y, s.begin, s.end});
     }
 }
+
+namespace detail {
 
 /// Returns the bits that compare as the number does.
 template <Real R>
@@ -200,5 +219,7 @@ RYE_HD auto depth_key(R depth) {
     constexpr Bits sign = Bits(1) << (8 * sizeof(Bits) - 1);
     return (b & sign) != 0 ? static_cast<Bits>(~b) : static_cast<Bits>(b | sign);
 }
+
+} // namespace detail
 
 } // namespace rye

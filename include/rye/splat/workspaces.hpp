@@ -16,7 +16,7 @@
 #include <utility>
 #include <vector>
 
-namespace rye {
+namespace rye::detail {
 
 /// Memory of threads between calls, each piece used by one thread at a time.
 class Workspaces {
@@ -102,4 +102,4 @@ class Workspaces {
     std::array<Shelf, shelves> shelves_;
 };
 
-} // namespace rye
+} // namespace rye::detail

@@ -71,10 +71,6 @@ inline std::vector<Index> resized_map(const Resizing& r) {
     return map;
 }
 
-} // namespace detail
-
-namespace detail {
-
 /// Draws a resizing of a map.
 inline Resizing random_resizing(int width, int height, const Random& random) {
     const double scale = 0.8 + 0.45 * random.uniform(0);
@@ -98,6 +94,8 @@ inline Augmentation random_scale(int width, int height, int factor, const Random
     const detail::Resizing resizing = detail::random_resizing(width, height, random);
     return {detail::resized_map(resizing), detail::resized_map(resizing * factor)};
 }
+
+namespace detail {
 
 /// Returns the columns of the source that the map names; 1 for none.
 template <class T>
@@ -124,5 +122,7 @@ void gathered_vjp(const Columns<T>& g, const std::vector<Index>& map, Columns<T>
         if (from >= 0) g_source.col(from) += g.col(i);
     }
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -117,8 +117,6 @@ void add_part(const B& backend, Gaussians<T>& sum, ColumnRange range, const Gaus
     });
 }
 
-} // namespace detail
-
 /// Target of the face alone: three rows of colours and one of weights.
 template <class T>
 struct FaceTarget {
@@ -127,12 +125,14 @@ struct FaceTarget {
     explicit FaceTarget(Index pixels) : picture(3, pixels), mask(1, pixels) {}
 };
 
+} // namespace detail
+
 /// Returns the picture over the blank's background, with weight 1 where a visible pixel shows
 /// nothing of the eyes.
 template <class T, Backend B>
-FaceTarget<T> face_alone_target(const B& backend, const AvatarImages<T>& sample) {
+detail::FaceTarget<T> face_alone_target(const B& backend, const AvatarImages<T>& sample) {
     const Vec3<T> change = sample.blank.template head<3>() - sample.background.template head<3>();
-    FaceTarget<T> t(sample.mask_small.cols());
+    detail::FaceTarget<T> t(sample.mask_small.cols());
     detail::over_pixels(backend, t.mask.cols(), [&](Index b, Index e) {
         for (Index i = b; i < e; ++i) {
             const T beyond = T(1) - sample.mask_small(0, i);
@@ -146,11 +146,15 @@ FaceTarget<T> face_alone_target(const B& backend, const AvatarImages<T>& sample)
     return t;
 }
 
+namespace detail {
+
 /// Returns the input of super-resolution.
 template <class T, class U>
 const Image<T>& features_shown(const AvatarImages<T>& sample, const AvatarPictures<T, U>& p) {
     return sample.scale.active() ? p.scaled : p.final.feature;
 }
+
+} // namespace detail
 
 /// Objective of stage 2: renders, compares, and propagates the losses back to the Gaussians.
 template <AccuracyPolicy A = Balanced, class Perceptual = PyramidGradientLoss>
@@ -192,9 +196,10 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
     if (sample.scale.active()) {
         p.scaled.width = p.final.feature.width;
         p.scaled.height = p.final.feature.height;
-        p.scaled.pixels = gathered(p.final.feature.pixels, sample.scale.small);
+        p.scaled.pixels = detail::gathered(p.final.feature.pixels, sample.scale.small);
     }
-    p.high = upsampler_forward(backend, upsampler, features_shown(sample, p), &p.high_trace);
+    p.high =
+        upsampler_forward(backend, upsampler, detail::features_shown(sample, p), &p.high_trace);
     if (sample.eyes_high)
         p.eyes_high =
             upsampler_forward(backend, upsampler, p.eyes.feature, &p.eyes_high_trace);
@@ -213,8 +218,8 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
     Columns<T> moved_visible;
     if (sample.scale.active()) {
         moved = sample.truth;
-        moved.pixels = gathered(sample.truth.pixels, sample.scale.full);
-        moved_visible = gathered(sample.visible, sample.scale.full);
+        moved.pixels = detail::gathered(sample.truth.pixels, sample.scale.full);
+        moved_visible = detail::gathered(sample.visible, sample.scale.full);
     }
     const Image<T>& truth = sample.scale.active() ? moved : sample.truth;
     l.high_resolution = detail::rgb_term(
@@ -244,7 +249,7 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
     l.blank = detail::rgb_term(backend, p.face.feature.pixels, blank,
                                {sample.eyes_small, T(weights.blank)}, p.g_face);
     if (weights.face_alone > 0) {
-        const FaceTarget<T> alone = face_alone_target(backend, sample);
+        const detail::FaceTarget<T> alone = face_alone_target(backend, sample);
         l.face_alone = detail::rgb_term(backend, p.face.feature.pixels, alone.picture,
                                         {alone.mask, T(weights.face_alone)}, p.g_face);
     }
@@ -264,10 +269,10 @@ void AvatarObjective<A, Perceptual>::vjp(
     const TwoStreamGaussians<T>& driven, AvatarPictures<T, U>& p, U& g_upsampler,
     Probe&& probe) const {
     Columns<T> g_feature;
-    upsampler_vjp(backend, upsampler, features_shown(sample, p), p.high_trace, p.g_high,
+    upsampler_vjp(backend, upsampler, detail::features_shown(sample, p), p.high_trace, p.g_high,
                   g_upsampler, &g_feature);
     if (sample.scale.active())
-        gathered_vjp(g_feature, sample.scale.small, p.g_final);
+        detail::gathered_vjp(g_feature, sample.scale.small, p.g_final);
     else
         detail::add_weighted(backend, p.g_final, T(1), g_feature);
     if (sample.eyes_high) {

@@ -31,6 +31,8 @@ struct EyeballBounds {
     double thickness = 1;  ///< scale along the normal, times the template's spacing
 };
 
+namespace detail {
+
 /// Returns four neighbours of each point of the eyeballs, on its own eyeball: nearest_and_turned.
 template <Real T, EffectSet E>
 NeighbourGraph eye_neighbours(const EyeStream<T, E>& eyes) {
@@ -43,6 +45,8 @@ NeighbourGraph eye_neighbours(const EyeStream<T, E>& eyes) {
     }
     return all;
 }
+
+} // namespace detail
 
 /// Settings of a run of stage 2. Rates(name) returns the learning rate of a field.
 template <AccuracyPolicy A = Balanced, class Perceptual = PyramidGradientLoss,
@@ -83,17 +87,17 @@ class AvatarTrainer {
                   AvatarTraining<A, Perceptual, Rates> training)
         : backend(on), avatar_(avatar), adam_(adam), training_(std::move(training)),
           gradient_(zeros_like(avatar)) {
-        check_corrections(avatar, "AvatarTrainer");
+        detail::check_corrections(avatar, "AvatarTrainer");
         if constexpr (has_effect<E, HeadPose>)
             if (avatar.delta_view.size() > 0) {
-                check_directions(training_.view_directions, avatar.delta_view.cols(),
-                                 "AvatarTrainer");
-                gauge_ = view_gauge(training_.view_directions).template cast<T>();
+                detail::check_directions(training_.view_directions, avatar.delta_view.cols(),
+                                         "AvatarTrainer");
+                gauge_ = detail::view_gauge(training_.view_directions).template cast<T>();
             }
         if constexpr (Real<T>)
             if (training_.objective.weights.eye_smooth > 0) {
-                neighbours_ = eye_neighbours(avatar.eyes);
-                neighbour_of_ = neighbour_of(neighbours_);
+                neighbours_ = detail::eye_neighbours(avatar.eyes);
+                neighbour_of_ = detail::neighbour_of(neighbours_);
             }
         face_smoothness_ =
             FaceSmoothness(training_.objective.weights, std::move(training_.face_neighbours),
@@ -173,7 +177,7 @@ class AvatarTrainer {
     }
 
     const TwoStreamTrace<T, E>& trace() const { return trace_; }
-    const AvatarPictures<T, UpsamplerOf<T, E>>& pictures() const { return pictures_; }
+    const AvatarPictures<T, detail::UpsamplerOf<T, E>>& pictures() const { return pictures_; }
 
   private:
     /// Returns the losses of a picture, and their gradient in gradient_.
@@ -181,7 +185,7 @@ class AvatarTrainer {
     AvatarLosses<T> losses_and_gradient(const Drivers<T, E>& drivers,
                                         const AvatarImages<T>& images, Probe&& probe) {
         AvatarLosses<T> l = losses(drivers, images, probe);
-        set_zero(backend.threads, gradient_);
+        detail::set_zero(backend.threads, gradient_);
         const AvatarLossConfig& weights = training_.objective.weights;
         if constexpr (smooths_driven)
             if (weights.eye_smooth > 0) {
@@ -220,7 +224,8 @@ class AvatarTrainer {
         });
         if (r.adam.applied) centre();
         if (training_.bounds.growth > 0)
-            bound_scales(avatar_.eyes, T(training_.bounds.growth), T(training_.bounds.thickness));
+            detail::bound_scales(avatar_.eyes, T(training_.bounds.growth),
+                                 T(training_.bounds.thickness));
         probe("optimiser");
         return r;
     }
@@ -239,9 +244,9 @@ class AvatarTrainer {
             if (images.frame >= 0 && avatar_.delta_gaze.size() > 0)
                 for_eyes([&]<std::size_t eye>() {
                     if constexpr (eye_turns<E, eye>)
-                        of_eye<eye>(drivers.gaze) =
-                            corrected_gaze<T>(of_eye<eye>(tracked.gaze),
-                                              avatar_.delta_gaze.col(images.frame).data(), eye);
+                        of_eye<eye>(drivers.gaze) = detail::corrected_gaze<T>(
+                            of_eye<eye>(tracked.gaze), avatar_.delta_gaze.col(images.frame).data(),
+                            eye);
                 });
         return seen_from(std::move(drivers), images.camera);
     }
@@ -256,20 +261,21 @@ class AvatarTrainer {
     /// Subtracts what frames, or cameras, share from the corrections.
     void centre() {
         if constexpr (has_effect<E, HeadPose>)
-            if (avatar_.delta_view.size() > 0) centre_views(gauge_, avatar_.delta_view);
-        if constexpr (has_effect<E, Kappa>) centre_rows(avatar_.delta_gaze);
+            if (avatar_.delta_view.size() > 0) detail::centre_views(gauge_, avatar_.delta_view);
+        if constexpr (has_effect<E, Kappa>) detail::centre_rows(avatar_.delta_gaze);
         if constexpr (has_effect<E, ReadsHeadPose>)
-            if (training_.centred_corrections) centre_rows(avatar_.delta_pose);
+            if (training_.centred_corrections) detail::centre_rows(avatar_.delta_pose);
     }
 
     Avatar& avatar_;
     Adam<Avatar>& adam_;
     AvatarTraining<A, Perceptual, Rates> training_;
     Avatar gradient_;
-    StepSums<Avatar, AvatarLosses<T>> sums_; ///< of a step of several pictures
+    detail::StepSums<Avatar, AvatarLosses<T>> sums_; ///< of a step of several pictures
     TwoStreamTrace<T, E> trace_;
-    AvatarPictures<T, UpsamplerOf<T, E>> pictures_;
-    NeighbourGraph neighbours_;  ///< for both eyeballs' points, if their colours are smoothed
+    AvatarPictures<T, detail::UpsamplerOf<T, E>> pictures_;
+    detail::NeighbourGraph
+        neighbours_; ///< for both eyeballs' points, if their colours are smoothed
     std::vector<std::vector<Index>> neighbour_of_; ///< neighbour_of(neighbours_)
     FaceSmoothness face_smoothness_;
     Columns<T> gauge_ = {}; ///< view_gauge(), if cameras are corrected

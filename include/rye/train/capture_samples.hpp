@@ -130,6 +130,8 @@ AvatarSample<float> avatar_sample(const CaptureOf<P>& capture, const AvatarSampl
     return s;
 }
 
+namespace detail {
+
 /// What of a frame a step of stage 1 is shown.
 struct MeshSampleShape {
     int frame;                 ///< index of CaptureLabels::frames
@@ -138,10 +140,12 @@ struct MeshSampleShape {
     GazeAxis axis = GazeAxis::optical;
 };
 
+} // namespace detail
+
 /// Returns images and drivers of one frame for stage 1, over black.
 template <PictureReader P>
 MeshSample<float> mesh_sample(const CaptureOf<P>& capture, const CaptureSubject& subject,
-                              const MeshSampleShape& shape) {
+                              const detail::MeshSampleShape& shape) {
     MeshSample<float> s;
     const int frame = shape.frame;
     s.drivers = frame_drivers(capture, frame, shape.axis);

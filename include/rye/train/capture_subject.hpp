@@ -19,9 +19,13 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Number of dense landmarks, about as many as Gaussian Head Avatar keeps (every 100th of 35,709
 /// vertices).
 inline constexpr int dense_landmarks = 358;
+
+} // namespace detail
 
 /// Properties of the subject from the whole capture.
 struct CaptureSubject {

@@ -10,7 +10,7 @@
 #include <rye/core/columns.hpp>
 #include <rye/core/concepts.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Returns the mean over columns of a row, given its first number in column-major memory; summed in
 /// order, floats in double.
@@ -62,4 +62,4 @@ void centre_views(const Columns<T>& gauge, Columns<T>& delta_view) {
                                               count, shared.data(), modes);
 }
 
-} // namespace rye
+} // namespace rye::detail

@@ -56,6 +56,8 @@ inline double most_of_face(const DensityConfig& c, double n, Index step, Index t
     return std::max(n, std::min(static_cast<double>(c.most), n * std::pow(1 + c.grow, changes)));
 }
 
+namespace detail {
+
 /// Halves of a Gaussian that splits along one of its axes, in multiples of its standard deviation s
 /// there: each has deviation s / shrink, lies at +-distance s, and has kappa times its optical
 /// depth -log(1 - opacity). With kappa = shrink / 2 both absorb as much as the whole if the axis
@@ -78,6 +80,8 @@ struct SplitGaussian {
     /// would be three times the learning rate, since all Gaussians share a count of steps.
     static constexpr double mean = 0.5, square = 0.25;
 };
+
+} // namespace detail
 
 /// Counts of a change.
 struct DensityChange {
@@ -131,7 +135,7 @@ std::vector<double> density_criterion(const B& backend, const Columns<T>& positi
                                       const Columns<T>& square, const Columns<T>& landmarks,
                                       const DensityConfig& config) {
     const Columns<T> distance = nearest_squared_distance<T>(backend, position, landmarks, nullptr);
-    const Ramp<double> ramp = checked_ramp<double>(0, config.reach);
+    const Ramp<double> ramp = detail::checked_ramp<double>(0, config.reach);
     std::vector<double> criterion;
     for (Index i = 0; i < position.cols(); ++i) {
         const double near = influence(EuclideanDistance{}, ramp, double(distance(0, i)));
@@ -141,6 +145,8 @@ std::vector<double> density_criterion(const B& backend, const Columns<T>& positi
     }
     return criterion;
 }
+
+namespace detail {
 
 /// Returns the axis of a Gaussian along which a move by its own standard deviation has the largest
 /// mean square change of the loss; the first of equals. rotation: from its axes to the head's.
@@ -159,8 +165,6 @@ int split_axis(const Mat3<T>& rotation, const Vec3<T>& log_scale, const Vec3<T>&
     }
     return axis;
 }
-
-namespace detail {
 
 /// Fate of each Gaussian of a face.
 struct DensityPlan {
@@ -245,24 +249,24 @@ DensityChange change_density(const B& backend, TwoStream<T, E>& avatar, Adam<Two
                 *a = std::move(moved);
             }
             for (const Index k : halves) {
-                m.middleCols(k, 2) *= T(SplitGaussian::mean);
-                v.middleCols(k, 2) *= T(SplitGaussian::square);
+                m.middleCols(k, 2) *= T(detail::SplitGaussian::mean);
+                v.middleCols(k, 2) *= T(detail::SplitGaussian::square);
             }
         },
         avatar, adam.m, adam.v);
     for (const Index k : halves) {
         const Mat3<T> rotation = quat_matrix(quat_normalized(Quat<T>(face.rotation.col(k))));
         const Vec3<T> log_scale = face.log_scale.col(k);
-        const int axis =
-            split_axis<T>(rotation, log_scale, square.col(whole[static_cast<std::size_t>(k)]));
+        const int axis = detail::split_axis<T>(rotation, log_scale,
+                                               square.col(whole[static_cast<std::size_t>(k)]));
         const Vec3<T> step =
-            T(SplitGaussian::distance) * drawn_scale(log_scale[axis]) * rotation.col(axis);
+            T(detail::SplitGaussian::distance) * drawn_scale(log_scale[axis]) * rotation.col(axis);
         face.position.col(k) -= step;
         face.position.col(k + 1) += step;
         for (const Index half : {k, k + 1}) {
-            face.log_scale(axis, half) -= T(std::log(SplitGaussian::shrink));
+            face.log_scale(axis, half) -= T(std::log(detail::SplitGaussian::shrink));
             face.opacity_logit(0, half) =
-                SplitGaussian::logit_opacity(T(face.opacity_logit(0, half)));
+                detail::SplitGaussian::logit_opacity(T(face.opacity_logit(0, half)));
         }
     }
     return plan.change;

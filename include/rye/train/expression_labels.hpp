@@ -32,6 +32,8 @@ struct AlignedExpressions {
     T moved = 0;                        ///< root mean square of a coordinate by the corrections
 };
 
+namespace detail {
+
 /// Settings of align_expressions.
 struct ExpressionSettings {
     int rounds = 12;      ///< rounds of relinearised least squares
@@ -40,8 +42,6 @@ struct ExpressionSettings {
     double turn = 0.2;   ///< standard deviation of a frame's rotation [rad]
     double shift = 0.2;  ///< standard deviation of its shift [unit]
 };
-
-namespace detail {
 
 /// Unknowns of align_expressions for E coefficients, F frames and L landmarks.
 template <Real T>
@@ -160,7 +160,7 @@ template <Real T>
 AlignedExpressions<T> align_expressions(const std::vector<Columns<T>>& frames,
                                         const std::type_identity_t<Columns<T>>& shapes,
                                         const std::type_identity_t<Columns<T>>& labels,
-                                        const ExpressionSettings& settings = {}) {
+                                        const detail::ExpressionSettings& settings = {}) {
     const auto n = static_cast<Index>(frames.size());
     const Index e = shapes.rows(), landmarks = n > 0 ? frames.front().cols() : 0;
     require(labels.rows() == e && labels.cols() == n, "align_expressions: labels", "got ",

@@ -17,9 +17,11 @@ namespace rye {
 
 /// Neighbours of the face's Gaussians; a graph is empty if its weight is 0.
 struct FaceNeighbours {
-    NeighbourGraph near;   ///< the four nearest others
-    NeighbourGraph mirror; ///< mirrored_nearest
+    detail::NeighbourGraph near;   ///< the four nearest others
+    detail::NeighbourGraph mirror; ///< mirrored_nearest
 };
+
+namespace detail {
 
 /// Returns the four nearest others of each point (3 x N, N > 4), as four_nearest, by a grid.
 template <Real T, Backend B>
@@ -35,13 +37,15 @@ NeighbourGraph four_nearest_by_grid(const B& backend, const Columns<T>& points) 
     return graph;
 }
 
+} // namespace detail
+
 /// Returns, for each point (3 x N, N > 0, the subject's left toward +x), the one nearest to it
 /// mirrored at x = 0, and three times the point itself, from which it does not differ.
 template <Real T, Backend B>
-NeighbourGraph mirrored_nearest(const B& backend, const Columns<T>& points) {
+detail::NeighbourGraph mirrored_nearest(const B& backend, const Columns<T>& points) {
     require(points.cols() > 0, "mirrored_nearest", "got no points, expected at least one");
-    const PointGrid<T> grid(points);
-    NeighbourGraph graph(static_cast<std::size_t>(points.cols()));
+    const detail::PointGrid<T> grid(points);
+    detail::NeighbourGraph graph(static_cast<std::size_t>(points.cols()));
     for_chunks(backend.threads, points.cols(), 1024, [&](Index b, Index e, Index) {
         for (Index i = b; i < e; ++i) {
             const Vec3<T> across(-points(0, i), points(1, i), points(2, i));
@@ -57,10 +61,12 @@ template <Real T, Backend B>
 FaceNeighbours face_neighbours(const B& backend, const Columns<T>& positions,
                                const AvatarLossConfig& weights) {
     FaceNeighbours n;
-    if (weights.face_smooth > 0) n.near = four_nearest_by_grid(backend, positions);
+    if (weights.face_smooth > 0) n.near = detail::four_nearest_by_grid(backend, positions);
     if (weights.face_mirror > 0) n.mirror = mirrored_nearest(backend, positions);
     return n;
 }
+
+namespace detail {
 
 /// Throws an Error unless each graph whose weight is above 0 has `points` points.
 inline void require_face_neighbours(const AvatarLossConfig& weights, const FaceNeighbours& n,
@@ -74,6 +80,8 @@ inline void require_face_neighbours(const AvatarLossConfig& weights, const FaceN
     fits("face_smooth", weights.face_smooth, n.near);
     fits("face_mirror", weights.face_mirror, n.mirror);
 }
+
+} // namespace detail
 
 /// Returns what the priors are of, C x N: the features of a face with drivers, else its colours.
 template <class Face>
@@ -91,10 +99,10 @@ class FaceSmoothness {
     /// Throws an Error for graphs that do not fit a face of `points`.
     FaceSmoothness(const AvatarLossConfig& weights, FaceNeighbours neighbours, Index points)
         : smooth_(weights.face_smooth), mirror_(weights.face_mirror) {
-        require_face_neighbours(weights, neighbours, points);
+        detail::require_face_neighbours(weights, neighbours, points);
         graphs_ = std::move(neighbours);
-        if (smooth_ > 0) near_of_ = neighbour_of(graphs_.near);
-        if (mirror_ > 0) mirror_of_ = neighbour_of(graphs_.mirror);
+        if (smooth_ > 0) near_of_ = detail::neighbour_of(graphs_.near);
+        if (mirror_ > 0) mirror_of_ = detail::neighbour_of(graphs_.mirror);
     }
 
     /// Adds the terms that are on to the losses, and their weighted gradient to that of the
@@ -102,7 +110,7 @@ class FaceSmoothness {
     template <Real T, Threads P>
     void add(const P& threads, const Columns<T>& features, AvatarLosses<T>& losses,
              Columns<T>& gradient) const {
-        const auto term = [&](double weight, const NeighbourGraph& graph,
+        const auto term = [&](double weight, const detail::NeighbourGraph& graph,
                               const std::vector<std::vector<Index>>& of, T& value) {
             if (!(weight > 0)) return;
             const LossGradient<T> l = smoothness(threads, features, graph, of);

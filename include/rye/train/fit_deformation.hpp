@@ -159,10 +159,10 @@ template <Real T, EffectSet E, Backend B>
 double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const LandmarkStage& stage,
                        const std::vector<MeshSample<T, E>>& frames, const DeformationFit& fit) {
     using Networks = FaceNetworks<T, E>;
-    const auto alone = one_thread(backend);
+    const auto alone = detail::one_thread(backend);
     const Columns<T>& neutral = mesh.landmarks;
     GeometryTrace<T> geometry;
-    LandmarkPlaces<T, E> all; // lattice and landmarks are fixed, so these are too
+    detail::LandmarkPlaces<T, E> all; // lattice and landmarks are fixed, so these are too
     place_landmarks(backend, mesh, stage, geometry, all);
     const detail::FittedFrames<T, E> drawn(backend, neutral, stage, frames, fit);
     const Columns<T> weight = detail::fit_weights(neutral, stage.roles, fit);
@@ -171,25 +171,24 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
     Networks grad = zeros_like(networks);
 
     const Index count = neutral.cols();
-    const Index each = chunk_count(
-        count, std::max<Index>(1, chunk_count(count, detail::deformed_at_once)));
-    std::vector<LandmarkPlaces<T, E>> places;
+    const Index each = detail::chunk_count(
+        count, std::max<Index>(1, detail::chunk_count(count, detail::deformed_at_once)));
+    std::vector<detail::LandmarkPlaces<T, E>> places;
     for (Index begin = 0; begin < count; begin += each)
         places.push_back(detail::places_from(all, begin, std::min(each, count - begin)));
     const auto parts = static_cast<Index>(places.size());
     std::vector<detail::FittedFrame<T, E>> shown(static_cast<std::size_t>(fit.batch));
     std::vector<detail::FittedPiece<T, E>> pieces(shown.size() * places.size());
-    GradientPieces<Networks, T> gradients(grad, pieces.size(), [](Networks& n) {
-        return detail::deformation_arrays(n);
-    });
+    detail::GradientPieces<Networks, T> gradients(
+        grad, pieces.size(), [](Networks& n) { return detail::deformation_arrays(n); });
     const auto run = [&](Index i) {
         const detail::FittedFrame<T, E>& f = shown[static_cast<std::size_t>(i / parts)];
-        const LandmarkPlaces<T, E>& own = places[static_cast<std::size_t>(i % parts)];
+        const detail::LandmarkPlaces<T, E>& own = places[static_cast<std::size_t>(i % parts)];
         detail::FittedPiece<T, E>& p = pieces[static_cast<std::size_t>(i)];
-        const LandmarkDeformation<T, E> at{networks, stage, own, f.code};
+        const detail::LandmarkDeformation<T, E> at{networks, stage, own, f.code};
         deform_landmarks(alone, at, p.landmarks);
         const Index first = i % parts * each, size = own.shifted.cols();
-        const LossTerm<T> off = deformation_term<T>(
+        const LossTerm<T> off = detail::deformation_term<T>(
             p.landmarks.deformed, f.shown().landmarks.middleCols(first, size));
         const T share = T(static_cast<double>(size) / static_cast<double>(count));
         p.squares = share * off.value;

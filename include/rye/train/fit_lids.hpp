@@ -38,17 +38,24 @@ struct LidFit {
     Random random = {};
 };
 
+namespace detail {
+
 /// Root mean square differences over the last tenth of the steps.
 struct LidErrors {
     double attributes = 0; ///< of steps of log-scale, quaternion and logit opacity
     double place = 0;      ///< of a coordinate [unit]
 };
+
+} // namespace detail
+
 /// Result of fit_lids.
 struct FittedLids {
     Index points = 0; ///< Gaussians that a blink moves apart
-    LidErrors lids;   ///< what is left to these
-    LidErrors others; ///< by how much other Gaussians have changed
+    detail::LidErrors lids;   ///< what is left to these
+    detail::LidErrors others; ///< by how much other Gaussians have changed
 };
+
+namespace detail {
 
 /// What fit_lids draws its frames from.
 template <class T>
@@ -57,8 +64,6 @@ struct LidFrames {
     const std::vector<Index>& blinks;        ///< coefficients that close lids
     double whole = 0;                        ///< their largest weight
 };
-
-namespace detail {
 
 /// Shares of the frames that are mixed ones, and of these that blink.
 inline constexpr double mixed_lids = 0.75, blinking_lids = 0.5;
@@ -333,8 +338,9 @@ class LidFitter {
 template <Real T, EffectSet E, Backend B, class Mixed>
     requires (has_effect<E, Expression>)
 FittedLids fit_lids(const B& backend, TwoStream<T, E>& avatar, const AvatarConfig& config,
-                    const LandmarkRoles& roles, const std::type_identity_t<LidFrames<T>>& frames,
-                    const Mixed& mixed, const LidFit& fit) {
+                    const LandmarkRoles& roles,
+                    const std::type_identity_t<detail::LidFrames<T>>& frames, const Mixed& mixed,
+                    const LidFit& fit) {
     if (fit.steps == 0 || frames.blinks.empty() || !(frames.whole > 0) ||
         avatar.face.position.cols() < 5)
         return {};

@@ -9,7 +9,7 @@
 #include <rye/backend/backend.hpp>
 #include <rye/core/columns.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Gradients of a step's pieces with respect to parameters P.
 template <class P, class T>
@@ -56,4 +56,4 @@ class GradientPieces {
     std::vector<ArrayWork> sums_;
 };
 
-} // namespace rye
+} // namespace rye::detail

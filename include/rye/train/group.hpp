@@ -19,15 +19,19 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Arrays of one rank that are added to the same arrays of the others.
 template <class T>
 using GroupArrays = std::vector<std::span<T>>;
+
+} // namespace detail
 
 /// A rank's end of a group. sum(arrays) replaces every number by its sum over all ranks, added as
 /// tree_sum adds, and returns when all ranks have theirs; it throws an Error if another rank has
 /// ended.
 template <class G>
-concept Group = requires(G& g, const GroupArrays<float>& arrays) {
+concept Group = requires(G& g, const detail::GroupArrays<float>& arrays) {
     { g.rank() } -> std::convertible_to<int>;
     { g.size() } -> std::convertible_to<int>;
     g.sum(arrays);
@@ -100,6 +104,8 @@ class TreeLevels {
     Index count_ = 0;
 };
 
+namespace detail {
+
 /// Sums of gradients P and of losses L over the pictures of a step, the first term by term.
 template <class P, class L>
 class StepSums {
@@ -151,5 +157,7 @@ class StepSums {
     TreeLevels levels_;
     std::vector<Level> level_;
 };
+
+} // namespace detail
 
 } // namespace rye

@@ -65,14 +65,19 @@ struct AvatarInit {
     T thickness = T(1);
     T eye_opacity = T(0.9);
     T eye_thickness = T(1); ///< of eyeball Gaussians along the normal, times their width
-    std::array<EyeballSourceOf<E>, 2> eyeball = {}; ///< shapes about their centres, canonical units
+    std::array<detail::EyeballSourceOf<E>, 2> eyeball =
+        {};                     ///< shapes about their centres, canonical units
     Columns<T> eye_centre = {}; ///< neutral, canonical, 3 x 2
     UpsamplerShape upsampler = {};
     Index frames = 0;          ///< training frames, for delta_pose
 };
 
+namespace detail {
+
 /// Bound of a feature: a saturated tanh would need an infinite input; this keeps it below 6.2.
 inline constexpr double max_initial_feature = 1 - 1e-5;
+
+} // namespace detail
 
 /// Returns points in the mouth, where the neutral surface has none: uniform in a box around the
 /// lips. lips: their landmarks, 3 x K. Source: GHA, 1.6 times the lips' extent.
@@ -89,6 +94,8 @@ Columns<T> mouth_points(const Columns<T>& lips, int count, const Random& random)
                 T(1.6) * extent(a) * T(random.uniform(static_cast<std::uint64_t>(3 * i + a)) - 0.5);
     return x;
 }
+
+namespace detail {
 
 /// Bound on edges: those longer than spacing + slope * (distance to the nearest landmark) are
 /// halved.
@@ -111,6 +118,8 @@ void refine_at_landmarks(const Columns<T>& landmarks, const EdgeBound<T>& bound,
         },
         passes);
 }
+
+} // namespace detail
 
 /// Moves points that lie in an eyeball to just outside it: lids that start inside could only be
 /// seen through a transparent eye.
@@ -165,8 +174,9 @@ FacePoints<T> face_points(const B& backend, const GuidanceMesh<T, E>& mesh,
         {eyeball_template<T>(init.eyeball[0]), eyeball_template<T>(init.eyeball[1])}};
     // Eyes and lips are landmarks 36 to 47 and 48 to 65 of GHA's numbering.
     if (init.spacing > T(0))
-        refine_at_landmarks<T>(mesh.landmarks.middleCols(36, 30),
-                               {init.spacing, init.spacing_slope}, points.surface, points.feature);
+        detail::refine_at_landmarks<T>(mesh.landmarks.middleCols(36, 30),
+                                       {init.spacing, init.spacing_slope}, points.surface,
+                                       points.feature);
     for (Index eye = 0; eye < 2; ++eye)
         leave_eyeball<T>(points.eyeball[static_cast<std::size_t>(eye)].points,
                          init.eye_centre.col(eye), points.surface.vertices);
@@ -202,7 +212,7 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     if constexpr (has_effect<E, FaceDrivers>) {
         f.feature = Columns<T>::Zero(config.feature, n);
         f.feature.leftCols(surface.cols()) = feature.unaryExpr([](const T& v) {
-            const T limit = T(max_initial_feature);
+            const T limit = T(detail::max_initial_feature);
             return T(std::atanh(std::clamp(v, -limit, limit)));
         });
         f.landmarks = mesh.landmarks;
@@ -220,15 +230,15 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     f.networks = mesh.networks;
     [[maybe_unused]] const auto attributes = [&](int frame_inputs, const std::vector<int>& hidden,
                                                  int key) {
-        return driven_mlp<T, NetworksOf<E>>(config,
-                                            mlp_shape(config.feature, frame_inputs, hidden, 8),
-                                            random.fork(static_cast<std::uint64_t>(key)));
+        return driven_mlp<T, detail::NetworksOf<E>>(
+            config, mlp_shape(config.feature, frame_inputs, hidden, 8),
+            random.fork(static_cast<std::uint64_t>(key)));
     };
     if constexpr (has_effect<E, Expression>)
         f.exp_attributes = attributes(config.expression, config.networks.exp_attributes, 22);
     if constexpr (has_effect<E, PoseResidual>)
-        f.pose_attributes =
-            attributes(config.pose_code<NetworksOf<E>>(), config.networks.pose_attributes, 23);
+        f.pose_attributes = attributes(config.pose_code<detail::NetworksOf<E>>(),
+                                       config.networks.pose_attributes, 23);
 
     EyeStream<T, E>& e = a.eyes;
     // Two eyes of different shapes may have different numbers of points.
@@ -257,7 +267,7 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     e.offset = mesh.eye_offset;
     if constexpr (has_effect<E, Kappa>) e.kappa = Columns<T>::Zero(2, 2);
 
-    a.upsampler = UpsamplerOf<T, E>::init(init.upsampler, random.fork(25));
+    a.upsampler = detail::UpsamplerOf<T, E>::init(init.upsampler, random.fork(25));
     if constexpr (has_effect<E, ReadsHeadPose>)
         a.delta_pose = Columns<T>::Zero(6, std::max<Index>(init.frames, 1));
     if constexpr (has_effect<E, HeadShading>)

@@ -53,8 +53,6 @@ struct PositiveModes {
     }
 };
 
-} // namespace detail
-
 /// Linear regressions of quantities of F frames on the frames' drivers, each with the ridge that
 /// best predicts left-out frames.
 template <Real T>
@@ -128,6 +126,8 @@ class LeftOutRidge {
 template <class X>
 LeftOutRidge(const Eigen::MatrixBase<X>&) -> LeftOutRidge<typename X::Scalar>;
 
+} // namespace detail
+
 /// Rigid motion R x + t.
 template <Real T>
 struct RigidMotion {
@@ -183,7 +183,7 @@ std::vector<RigidMotion<T>> align_frames(const std::vector<Columns<T>>& frames, 
     if (n < 3) return motion;
     const Index landmarks = frames.front().cols();
     // Landmarks moved by the same regressors share a regression.
-    std::vector<LeftOutRidge<T>> ridges;
+    std::vector<detail::LeftOutRidge<T>> ridges;
     std::vector<std::size_t> ridge_of(static_cast<std::size_t>(landmarks), 0);
     if (reach.size() == 0) ridges.emplace_back(x);
     std::map<std::vector<int>, std::size_t> same;
@@ -219,7 +219,7 @@ std::vector<RigidMotion<T>> align_frames(const std::vector<Columns<T>>& frames, 
         }
         std::vector<T> spread, by;
         for (std::size_t l = 0; l < now.size(); ++l) {
-            const typename LeftOutRidge<T>::Fit fit = ridges[ridge_of[l]].fit(now[l]);
+            const typename detail::LeftOutRidge<T>::Fit fit = ridges[ridge_of[l]].fit(now[l]);
             spread.push_back(std::max(fit.rms, T(1e-9)));
             by.push_back(fit.ridge);
         }

@@ -43,12 +43,16 @@ struct LabelUnknowns {
     }
 };
 
+namespace detail {
+
 /// Returns the direction after changes of its pitch and yaw [rad].
 template <Scalar T>
 Vec3<T> moved_gaze(const Vec3<T>& gaze, const T& pitch, const T& yaw) {
     const Vec2<T> angles = pitch_yaw(gaze);
     return gaze_vector<T>(angles[0] + pitch, angles[1] + yaw);
 }
+
+} // namespace detail
 
 /// Returns the drivers after changes, n, in the order of LabelUnknowns.
 template <class T, EffectSet E, class Change>
@@ -59,7 +63,7 @@ Drivers<T, E> moved_drivers(const Drivers<T, E>& label, const LabelUnknowns& u,
     Index k = 0;
     if (u.gaze)
         for (std::size_t eye = 0; eye < 2; ++eye, k += 2)
-            d.gaze[eye] = moved_gaze<T>(label.gaze[eye], at(k), at(k + 1));
+            d.gaze[eye] = detail::moved_gaze<T>(label.gaze[eye], at(k), at(k + 1));
     if (u.pose)
         for (Index i = 0; i < 6; ++i) d.pose[i] += at(k++);
     for (const Index i : u.expression) d.expression[i] += at(k++);

@@ -21,6 +21,8 @@ struct MeshLosses {
     Index vertices = 0;  ///< of the surface; 0 for no surface, without image losses
 };
 
+namespace detail {
+
 /// Neutral landmarks as inputs of the deformations' networks, which are the same in every frame.
 template <class T, EffectSet E = PaperEffects>
 struct LandmarkPlaces {
@@ -39,14 +41,16 @@ struct DeformedLandmarks {
     [[no_unique_address]] SkinSlot<E, FieldTrace<T>> gaze;
 };
 
+} // namespace detail
+
 /// Deformation of the neutral landmarks by expression (and optionally by gaze), for L_def.
 template <class T, EffectSet E = PaperEffects>
-struct LandmarkTrace : LandmarkPlaces<T, E>, DeformedLandmarks<T, E> {
+struct LandmarkTrace : detail::LandmarkPlaces<T, E>, detail::DeformedLandmarks<T, E> {
     [[no_unique_address]] FrameCode<T, E> frame;
     GeometryTrace<T> geometry;  ///< at the landmarks: signed distance and offset
-    [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetTrace<T>> eye_offset;
+    [[no_unique_address]] detail::Slot<E, EyeOffset, EyeOffsetTrace<T>> eye_offset;
     Columns<T> g_deformed, g_sdf;  ///< weighted cotangents
-    [[no_unique_address]] Slot<E, EyeOffset, Columns<T>, 1> g_eye_offset;
+    [[no_unique_address]] detail::Slot<E, EyeOffset, Columns<T>, 1> g_eye_offset;
 };
 
 /// Settings of the landmarks' terms. `landmarks_follow_gaze` also deforms the landmarks of L_def by
@@ -65,19 +69,21 @@ struct WeightedLandmarks : LandmarkStage {
 /// Sets the places of the landmarks; `geometry`: trace of the lattice's network there.
 template <class T, EffectSet E, Backend B>
 void place_landmarks(const B& backend, const GuidanceMesh<T, E>& mesh, const LandmarkStage& stage,
-                     GeometryTrace<T>& geometry, LandmarkPlaces<T, E>& places) {
+                     GeometryTrace<T>& geometry, detail::LandmarkPlaces<T, E>& places) {
     using std::tanh;
     const AvatarConfig& config = stage.config;
     geometry_at(backend, mesh, config, mesh.landmarks, geometry);
     const T reach = T(config.vertex_offset);
     places.shifted = mesh.landmarks + geometry.output.middleRows(1, 3).unaryExpr(
                                           [&](const T& o) { return T(reach * tanh(o)); });
-    encode_points<EncodingOf<E>>(backend, places.shifted, config.frequencies, places.code);
+    encode_points<detail::EncodingOf<E>>(backend, places.shifted, config.frequencies, places.code);
     places.ones = Columns<T>::Ones(1, places.shifted.cols());
     if (stage.landmarks_follow_gaze && has_effect<E, Periocular>)
         places.weights = face_weights<T>(backend, {config, places.shifted, mesh.landmarks},
                                          stage.roles, places.nearest);
 }
+
+namespace detail {
 
 /// Inputs of the deformation of landmarks in a frame by a face's networks.
 template <class T, EffectSet E>
@@ -88,24 +94,28 @@ struct LandmarkDeformation {
     const FrameCode<T, E>& code;
 };
 
+} // namespace detail
+
 /// Sets the deformed landmarks.
 template <class T, EffectSet E, Backend B>
-void deform_landmarks(const B& backend, const LandmarkDeformation<T, E>& at,
-                      DeformedLandmarks<T, E>& m) {
+void deform_landmarks(const B& backend, const detail::LandmarkDeformation<T, E>& at,
+                      detail::DeformedLandmarks<T, E>& m) {
     [[maybe_unused]] const T gain = T(at.stage.config.deform_scale);
-    [[maybe_unused]] const LandmarkPlaces<T, E>& places = at.places;
+    [[maybe_unused]] const detail::LandmarkPlaces<T, E>& places = at.places;
     m.deformed = places.shifted;
     if constexpr (has_effect<E, Expression>)
         add_field(backend, Field{at.networks.exp_deform, Squash::tanh, gain},
                   {places.code, places.ones, at.code.expression}, m.deformed, m.exp);
     if (!at.stage.landmarks_follow_gaze || !has_effect<E, Periocular>) return;
     for_eyes([&]<std::size_t eye>() {
-        if constexpr (skin_follows<E, eye>)
+        if constexpr (detail::skin_follows<E, eye>)
             add_field(backend, Field{of_eye<eye>(at.networks.gaze_deform), Squash::tanh, gain},
                       {places.code, of_eye<eye>(places.weights.gaze), of_eye<eye>(at.code.gaze)},
                       m.deformed, of_eye<eye>(m.gaze));
     });
 }
+
+namespace detail {
 
 /// Gradients of deform_landmarks, accumulated; those of code and influences may be null.
 template <class T, EffectSet E>
@@ -115,11 +125,13 @@ struct LandmarkGradients {
     Weights<T, E>* weights = nullptr;
 };
 
+} // namespace detail
+
 /// Propagates the cotangent of the deformed landmarks, 3 x L, back; not to the places themselves.
 template <class T, EffectSet E, Backend B>
-void deform_landmarks_vjp(const B& backend, const LandmarkDeformation<T, E>& at,
-                          const DeformedLandmarks<T, E>& m, const Columns<T>& g_deformed,
-                          const LandmarkGradients<T, E>& g) {
+void deform_landmarks_vjp(const B& backend, const detail::LandmarkDeformation<T, E>& at,
+                          const detail::DeformedLandmarks<T, E>& m, const Columns<T>& g_deformed,
+                          const detail::LandmarkGradients<T, E>& g) {
     [[maybe_unused]] const T gain = T(at.stage.config.deform_scale);
     if constexpr (has_effect<E, Expression>)
         field_vjp(backend, Field{at.networks.exp_deform, Squash::tanh, gain},
@@ -127,7 +139,7 @@ void deform_landmarks_vjp(const B& backend, const LandmarkDeformation<T, E>& at,
                   {&g.networks.exp_deform, g.code});
     if (!at.stage.landmarks_follow_gaze || !has_effect<E, Periocular>) return;
     for_eyes([&]<std::size_t eye>() {
-        if constexpr (skin_follows<E, eye>)
+        if constexpr (detail::skin_follows<E, eye>)
             field_vjp(backend, Field{of_eye<eye>(at.networks.gaze_deform), Squash::tanh, gain},
                       {of_eye<eye>(at.places.weights.gaze), of_eye<eye>(at.code.gaze),
                        of_eye<eye>(m.gaze)},
@@ -148,18 +160,18 @@ MeshLosses<T> landmark_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
     MeshLosses<T> l;
     place_landmarks<T, E>(backend, mesh, stage, m.geometry, m);
     deform_landmarks<T, E>(backend, {mesh.networks, stage, m, code}, m);
-    const LossTerm<T> def = deformation_term<T>(m.deformed, sample.landmarks);
+    const LossTerm<T> def = detail::deformation_term<T>(m.deformed, sample.landmarks);
     l.deform = def.value;
     m.g_deformed = T(weights.deform) * def.gradient;
     const Columns<T> sdf = m.geometry.output.topRows(1);
-    const LossTerm<T> lmk = landmark_term<T>(sdf);
+    const LossTerm<T> lmk = detail::landmark_term<T>(sdf);
     l.landmark = lmk.value;
     m.g_sdf = T(weights.landmark) * lmk.gradient;
 
     if constexpr (has_effect<E, EyeOffset>) {
         const Columns<T> moved =
             eye_offset<T>(backend, mesh.eye_offset, stage.config, code, m.eye_offset);
-        const LossTerm<T> eye = eye_offset_term<T>(moved, sample.eye_displacement);
+        const LossTerm<T> eye = detail::eye_offset_term<T>(moved, sample.eye_displacement);
         l.eye_offset = eye.value;
         m.g_eye_offset = T(weights.eye_offset) * eye.gradient;
     }
@@ -184,7 +196,8 @@ void landmark_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
     if (follow)
         face_weights_vjp<T>(backend, {config, m.shifted, mesh.landmarks}, m.nearest, g_w,
                             {g_shifted, &grad.landmarks});
-    encode_points_vjp<EncodingOf<E>>(backend, m.code, g_code, config.frequencies, g_shifted);
+    encode_points_vjp<detail::EncodingOf<E>>(backend, m.code, g_code, config.frequencies,
+                                             g_shifted);
     Columns<T> g_output = Columns<T>::Zero(m.geometry.output.rows(), m.geometry.output.cols());
     g_output.topRows(1) = m.g_sdf;
     g_output.middleRows(1, 3) =

@@ -94,7 +94,7 @@ std::vector<double> landmark_regressors(const Drivers<T, E>& drivers) {
         for (Index i = 0; i < drivers.expression.size(); ++i)
             x.push_back(static_cast<double>(drivers.expression[i]));
     for_eyes([&]<std::size_t eye>() {
-        if constexpr (skin_follows<E, eye>) {
+        if constexpr (detail::skin_follows<E, eye>) {
             const Vec2<T> angles = pitch_yaw(of_eye<eye>(drivers.gaze));
             for (const T& angle : {angles[0], angles[1]}) x.push_back(static_cast<double>(angle));
         }
@@ -166,10 +166,10 @@ LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>
     const Weights<T, E> w = face_weights<T, E>(backend, neutral, roles, trace);
     Index row = regressors;
     for_eyes([&]<std::size_t eye>() {
-        if constexpr (skin_follows<E, eye>) row -= 2;
+        if constexpr (detail::skin_follows<E, eye>) row -= 2;
     });
     for_eyes([&]<std::size_t eye>() {
-        if constexpr (skin_follows<E, eye>) {
+        if constexpr (detail::skin_follows<E, eye>) {
             for (Index l = 0; l < landmarks; ++l)
                 reach(row, l) = reach(row + 1, l) = static_cast<double>(of_eye<eye>(w.gaze)(0, l));
             row += 2;
@@ -317,7 +317,7 @@ MeshSample<T, E> mixed_frame(const std::vector<MeshSample<T, E>>& frames,
             }
     }
     for_eyes([&]<std::size_t eye>() {
-        if constexpr (skin_follows<E, eye>) {
+        if constexpr (detail::skin_follows<E, eye>) {
             const Vec2<T> angles = pitch_yaw(of_eye<eye>(any(2 + eye).drivers.gaze));
             const T share = T(0.5 + 0.8 * random.uniform(4 + eye));
             of_eye<eye>(mixed.drivers.gaze) =

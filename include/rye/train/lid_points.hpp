@@ -11,7 +11,7 @@
 #include <rye/avatar/two_stream.hpp>
 #include <rye/train/face_smoothness.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Eyeballs at rest, head frame, canonical units.
 template <class T>
@@ -45,8 +45,6 @@ void move_out_of_eyeballs(const LidEyeballs<T>& eyes, double clear, const Column
                 points.col(i) = centre + least / far * out;
         }
 }
-
-namespace detail {
 
 /// Least growth by a whole blink, and least influence, of a point that is fitted.
 inline constexpr double least_growth = 1.1, least_influence = 0.5;
@@ -116,6 +114,4 @@ inline std::vector<Index> spread(Index all, Index count, double start) {
     return chosen;
 }
 
-} // namespace detail
-
-} // namespace rye
+} // namespace rye::detail

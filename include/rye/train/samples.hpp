@@ -57,6 +57,8 @@ Pinhole<T> seen_camera(Pinhole<T> camera, const Vec<T, 6>& motion, const Vec3<T>
     return camera;
 }
 
+namespace detail {
+
 /// Returns the images of a picture of the size of the render, all of whose pixels count, also for
 /// the eyes.
 template <class T>
@@ -71,6 +73,8 @@ AvatarImages<T> whole_picture(const Image<T>& truth, const Pinhole<T>& camera,
     s.background = s.blank = background;
     return s;
 }
+
+} // namespace detail
 
 /// One frame seen from one camera.
 template <class T, EffectSet E = PaperEffects>

@@ -27,7 +27,7 @@ struct MeshTrace {
     // Weighted cotangents of the losses' inputs.
     std::vector<Columns<T>> g_image, g_silhouette;
     Columns<T> g_world;
-    [[no_unique_address]] DeformCotangents<T, E> g_raw;
+    [[no_unique_address]] detail::DeformCotangents<T, E> g_raw;
 };
 
 /// Settings of a step of stage 1; the probe is called at the end of each part.
@@ -43,7 +43,7 @@ template <class T, EffectSet E>
 T laplacian_area(const MeshLossConfig& weights, const Drivers<T, E>& drivers) {
     if (weights.laplacian_unit == LaplacianUnit::world) return T(1);
     T scale = T(1); // world units per unit of the head frame, a decimetre
-    copy_slot(drivers.scale, scale);
+    detail::copy_slot(drivers.scale, scale);
     const T metres = T(0.1) / scale;
     return metres * metres;
 }
@@ -73,36 +73,36 @@ MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
         for (std::size_t v = 0; v < views; ++v) {
             const MeshView<T>& view = sample.views[v];
             MeshRaster<T>& raster = t.rasters[v];
-            rasterize_mesh_into<T>(backend,
-                                   {t.posed.world, t.neutral.surface.topology.faces, shown},
-                                   view.camera, {}, raster);
+            detail::rasterize_mesh_into<T>(backend,
+                                           {t.posed.world, t.neutral.surface.topology.faces, shown},
+                                           view.camera, {}, raster);
             t.cameras.push_back(view.camera);
-            LossTerm<T> color =
-                color_term<T>(backend, raster.attributes.pixels, view.truth.pixels, view.visible);
+            LossTerm<T> color = detail::color_term<T>(backend, raster.attributes.pixels,
+                                                      view.truth.pixels, view.visible);
             l.rgb += share * color.value;
             color.gradient *= T(weights.rgb) * share;
             t.g_image[v] = std::move(color.gradient);
-            LossTerm<T> sil =
-                silhouette_term<T>(backend, raster.silhouette.pixels, view.mask, view.visible);
+            LossTerm<T> sil = detail::silhouette_term<T>(backend, raster.silhouette.pixels,
+                                                         view.mask, view.visible);
             l.silhouette += share * sil.value;
             sil.gradient *= T(weights.silhouette) * share;
             t.g_silhouette[v] = std::move(sil.gradient);
         }
         probe("mesh render");
         const LossTerm<T> lap =
-            laplacian_term<T>(t.posed.world, t.neutral.surface.topology.faces);
+            detail::laplacian_term<T>(t.posed.world, t.neutral.surface.topology.faces);
         const T area = laplacian_area<T, E>(weights, sample.drivers);
         l.laplacian = area * lap.value;
         t.g_world = (T(weights.laplacian) * area) * lap.gradient;
         const auto offset = [&](const FieldTrace<T>& field, Columns<T>& g) {
-            const LossTerm<T> o = offset_term<T>(field.output);
+            const LossTerm<T> o = detail::offset_term<T>(field.output);
             l.offset += o.value;
             g = T(weights.offset) * o.gradient;
         };
         if constexpr (has_effect<E, Expression>) offset(t.posed.exp_deform, t.g_raw.exp);
         if constexpr (has_effect<E, PoseResidual>) offset(t.posed.pose_deform, t.g_raw.pose);
         for_eyes([&]<std::size_t eye>() {
-            if constexpr (skin_follows<E, eye>)
+            if constexpr (detail::skin_follows<E, eye>)
                 offset(of_eye<eye>(t.posed.gaze_deform), of_eye<eye>(t.g_raw.gaze));
         });
     }

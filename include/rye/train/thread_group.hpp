@@ -96,12 +96,12 @@ class ThreadGroup {
 
     /// Throws an Error if the ranks' arrays differ in number or size.
     template <class T>
-    void sum(const GroupArrays<T>& arrays) {
+    void sum(const detail::GroupArrays<T>& arrays) {
         const int n = size();
         meeting_->show(rank_, &arrays);
         meet();
-        const auto of = [&](int rank) -> const GroupArrays<T>& {
-            return *meeting_->shown<GroupArrays<T>>(rank);
+        const auto of = [&](int rank) -> const detail::GroupArrays<T>& {
+            return *meeting_->shown<detail::GroupArrays<T>>(rank);
         };
         std::string differs; // the same for every rank
         for (int r = 1; r < n && differs.empty(); ++r) {

@@ -9,7 +9,7 @@
 #include <rye/core/columns.hpp>
 #include <rye/core/error.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Number of cameras from which on view_gauge() takes stretches for shared: fewer cameras have
 /// hardly any other rotations.
@@ -78,4 +78,4 @@ void check_directions(const Columns<T>& directions, Index cameras, const char* w
                 " of view_directions has length ", directions.col(c).norm(), ", expected 1");
 }
 
-} // namespace rye
+} // namespace rye::detail

@@ -12,7 +12,7 @@ namespace rye {
 
 /// The encoding that kernels know; other encodings run on the host only.
 template <class E>
-concept EncodedByDevice = std::same_as<EncodingOf<E>, PositionalEncoding>;
+concept EncodedByDevice = std::same_as<detail::EncodingOf<E>, PositionalEncoding>;
 /// Refraction by a cornea runs on the host only.
 template <class E>
 concept RefractsNothing = !has_effect<E, CornealRefraction>;
@@ -42,6 +42,7 @@ inline constexpr bool part_has_kernels<DrivenFeatures> = true;
 template <class E>
 concept HasPartsOfDevice = !has_own_effects<E> && part_has_kernels<GazeMechanismOf<E>> &&
                            part_has_kernels<EyeAppearanceOf<E>>;
+
 namespace detail {
 
 template <class X, class... Known>

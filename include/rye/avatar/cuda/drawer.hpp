@@ -35,6 +35,8 @@ struct DeviceDrawingPolicy {
     static constexpr int upsampler_planes = upsampler_planes_;
 };
 
+namespace detail {
+
 /// Features that say which eye a Gaussian is of: 2 a Gaussian, (1, 0) of the left eye's, (0, 1) of
 /// the right one's, 0 of the face's.
 struct EyesAsFeatures {
@@ -47,6 +49,8 @@ struct EyesAsFeatures {
         to[2 * i + 1] = i >= face + left ? 1.0F : 0.0F;
     }
 };
+
+} // namespace detail
 
 /// An avatar on a device with what draws it, on white. Policy: as DeviceDrawingPolicy.
 template <DeviceEffects E, class Device, class Policy = DeviceDrawingPolicy<>>
@@ -136,8 +140,8 @@ class DeviceAvatarDrawer {
         eyes_alpha_.reserve(queue, static_cast<std::size_t>(pixels) + 1);
         if (eyes_.size() != room)
             launch_each(device_, queue, n,
-                        EyesAsFeatures{eyes_.data(), avatar_.face_count(),
-                                       avatar_.shapes().eyes.points_of(0)});
+                        detail::EyesAsFeatures{eyes_.data(), avatar_.face_count(),
+                                               avatar_.shapes().eyes.points_of(0)});
         shown.feature = {eyes_.data(), 2, n};
         const float* const nothing = colours_.data() + upsampler_.shape().in_channels;
         rasterizer_.forward_into(queue, shown, camera, nothing,
@@ -167,7 +171,7 @@ class DeviceAvatarDrawer {
     /// Drives the avatar for the pictures that follow: what gazes move where nothing else differs
     /// from what the last call was given, and nothing where nothing does. Waits.
     void drive(const CudaQueue& queue, const Drivers<float, E>& drivers) {
-        const DriverPlaces<E>& places = avatar_.driver_places();
+        const detail::DriverPlaces<E>& places = avatar_.driver_places();
         std::vector<float> numbers = places.packed(drivers, -1);
         const bool by_gaze = placed_ && places.same_but_gazes(numbers, driven_);
         if (by_gaze && same_bits(numbers, driven_)) return;

@@ -11,6 +11,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Codes of the turned direction of point i, the second half of its inputs.
 struct DrivenPointInputs {
     static constexpr const char* name = "turned directions";
@@ -96,6 +98,8 @@ struct DrivenFrameVjpKernel {
     }
 };
 
+} // namespace detail
+
 /// DrivenFeatures.
 template <class Device, class Networks>
 class DeviceEyeAppearance<DrivenFeatures, Device, Networks> {
@@ -152,22 +156,24 @@ class DeviceEyeAppearance<DrivenFeatures, Device, Networks> {
     void features_into(const CudaQueue& queue, const Of& of, const DeviceEyeFrame&,
                        const DeviceColumns<float>& feature, bool keep) {
         launch_each(device_, queue, feature.size(),
-                    CopyNumbers{of(host_->feature).data, feature.data});
+                    detail::CopyNumbers{of(host_->feature).data, feature.data});
         each([&](std::size_t eye) {
             const int e = static_cast<int>(eye);
-            const DeviceColumns<float> out =
-                columns_of_eye<float>({output_.data(), feature.rows, feature.cols}, e, left_);
+            const DeviceColumns<float> out = detail::columns_of_eye<float>(
+                {output_.data(), feature.rows, feature.cols}, e, left_);
             network_[eye]->forward_into(
-                queue, columns_of_eye<const float>({inputs_.data(), rows, points_}, e, left_), out,
+                queue,
+                detail::columns_of_eye<const float>({inputs_.data(), rows, points_}, e, left_), out,
                 keep);
-            launch_each(device_, queue, out.size(),
-                        AddNumbers{out.data, columns_of_eye(feature, e, left_).data});
+            launch_each(
+                device_, queue, out.size(),
+                detail::AddNumbers{out.data, detail::columns_of_eye(feature, e, left_).data});
         });
     }
     template <class Of, class To>
     void vjp_into(const CudaQueue& queue, const Of&, const To& to, const DeviceEyeFrame& frame,
                   const DeviceColumns<float>& g) {
-        launch_each(device_, queue, g.size(), AddNumbers{g.data, to(host_->feature).data});
+        launch_each(device_, queue, g.size(), detail::AddNumbers{g.data, to(host_->feature).data});
         if (!any()) return;
         const bool axes = frame.g_axis != nullptr;
         if (axes) g_inputs_.reserve(queue, static_cast<std::size_t>(rows * points_) + 1);
@@ -175,21 +181,21 @@ class DeviceEyeAppearance<DrivenFeatures, Device, Networks> {
         each([&](std::size_t eye) {
             const int e = static_cast<int>(eye);
             const DeviceColumns<float> g_own =
-                columns_of_eye<float>({g_inputs_.data(), rows, points_}, e, left_);
-            network_[eye]->vjp_into(queue, columns_of_eye(g, e, left_),
+                detail::columns_of_eye<float>({g_inputs_.data(), rows, points_}, e, left_);
+            network_[eye]->vjp_into(queue, detail::columns_of_eye(g, e, left_),
                                     {device_parameters(host_->networks[eye], to),
                                      axes ? g_own : DeviceColumns<float>{}, inputs_of(eye + 2)});
             const Index first = eye == 0 ? 0 : left_;
             if (axes)
                 sums_.launch(queue, g_own.cols,
-                             DrivenTurnVjp{direction_.data() + 3 * first,
-                                           inputs_.data() + rows * first, g_own.data},
+                             detail::DrivenTurnVjp{direction_.data() + 3 * first,
+                                                   inputs_.data() + rows * first, g_own.data},
                              {turn + 9 * eye});
         });
         if (axes || frame.g_pose != nullptr)
             device_.launch(queue, 1,
-                           DrivenFrameVjpKernel{frame_of(frame), inputs_of(2), turn, frame.g_axis,
-                                                frame.g_pose});
+                           detail::DrivenFrameVjpKernel{frame_of(frame), inputs_of(2), turn,
+                                                        frame.g_axis, frame.g_pose});
     }
     std::size_t bytes() const {
         std::size_t sum = direction_.bytes() + inputs_.bytes() + g_inputs_.bytes() +
@@ -210,14 +216,15 @@ class DeviceEyeAppearance<DrivenFeatures, Device, Networks> {
     float* inputs_of(std::size_t k) const {
         return frame_.data() + k * static_cast<std::size_t>(frame_inputs_);
     }
-    DrivenFrameInputs frame_of(const DeviceEyeFrame& frame) const {
+    detail::DrivenFrameInputs frame_of(const DeviceEyeFrame& frame) const {
         return {frame.gazes, frame.expression, frame.reads_pose ? 3 : 0, frame_inputs_,
                 inputs_of(0)};
     }
     void encode(const CudaQueue& queue, const DeviceEyeFrame& frame) {
         launch_each(device_, queue, 2 * frame_inputs_, frame_of(frame));
-        launch_each(device_, queue, points_,
-                    DrivenPointInputs{direction_.data(), left_, frame.gazes, inputs_.data()});
+        launch_each(
+            device_, queue, points_,
+            detail::DrivenPointInputs{direction_.data(), left_, frame.gazes, inputs_.data()});
     }
 
     Device device_;

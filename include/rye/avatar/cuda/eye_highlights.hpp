@@ -11,6 +11,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Both eyes' points in device memory, the left eye's first.
 struct DeviceEyePoints {
     const float* position; ///< in the eyeball's frame, 3 x P
@@ -56,7 +58,12 @@ struct HighlightBothEyes {
 
 /// Numbers that the sums of a light in an eye are apart.
 inline constexpr int light_room = 16;
-static_assert(LightEyePointVjp<float>::sums <= light_room);
+
+} // namespace detail
+
+static_assert(detail::LightEyePointVjp<float>::sums <= detail::light_room);
+
+namespace detail {
 
 /// What a light in an eye leads to: cotangents of the eye's transform, and of the light's place.
 struct DeviceLightGradient {
@@ -238,5 +245,7 @@ class DeviceHighlights {
     DeviceBuffer<SeenLight<float>> seen_;
     DeviceBuffer<DeviceLightGradient> apart_;
 };
+
+} // namespace detail
 
 } // namespace rye

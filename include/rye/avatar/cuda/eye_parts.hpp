@@ -15,6 +15,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Optical axes of a frame as parts of the eyes read them: unit vectors in the head's frame, +z for
 /// an eye that does not turn.
 struct DeviceGazes {
@@ -30,9 +32,11 @@ struct DeviceGazes {
     }
 };
 
+} // namespace detail
+
 /// A frame as parts of the eyes read it, in device memory, and where cotangents of it go.
 struct DeviceEyeFrame {
-    DeviceGazes gazes;
+    detail::DeviceGazes gazes;
     bool reads_pose = false;           ///< whether an effect reads the head pose
     const float* expression = nullptr; ///< its code, or null where no effect reads it
     float* g_axis = nullptr;           ///< of the optical axes, 3 x 2, added to, or null
@@ -48,11 +52,15 @@ struct EyeballPoints {
     Index count(int eye) const { return eye == 0 ? left : position.cols() - left; }
 };
 
+namespace detail {
+
 /// Columns of an eye of an array with a column a point.
 template <class T>
 DeviceColumns<T> columns_of_eye(const DeviceColumns<T>& a, int eye, Index left) {
     return {eye == 0 ? a.data : a.data + left * a.rows, a.rows, eye == 0 ? left : a.cols - left};
 }
+
+} // namespace detail
 
 /// Sums over the points of each eye that the cotangent of its turn is made of: of the matrix (9, as
 /// Mat3 has them), then of the quaternion (4). Null for an eye that does not turn.
@@ -86,11 +94,15 @@ class DeviceGazeMechanism<FixedEye, Device> {
     std::size_t bytes() const { return 0; }
 };
 
+namespace detail {
+
 /// True if an appearance gives the cotangents of its inputs: EyeInputsCotangent.
 template <EyeAppearance A, class P = typename A::template Parameters<float>>
 inline constexpr bool gives_cotangents = !std::is_void_v<decltype(A::features_vjp(
     0, std::declval<const P&>(), std::declval<const EyeInputs<float>&>(),
     std::declval<const ColumnsView<float>&>(), std::declval<P&>()))>;
+
+} // namespace detail
 
 /// Features of the eyeballs' Gaussians by the appearance A on a device, as an object with the
 /// functions of FreeFeatures' below. Networks: tiles of its networks, as DeviceNetworks has them.
@@ -121,14 +133,14 @@ class DeviceEyeAppearance<FreeFeatures, Device, Networks> {
     void features_into(const CudaQueue& queue, const Of& of, const DeviceEyeFrame&,
                        const DeviceColumns<float>& feature, bool) {
         launch_each(device_, queue, feature.size(),
-                    CopyNumbers{of(host_->feature).data, feature.data});
+                    detail::CopyNumbers{of(host_->feature).data, feature.data});
     }
     /// Adds the gradients of parameters, given the cotangent of the features, and the cotangents
     /// of the frame.
     template <class Of, class To>
     void vjp_into(const CudaQueue& queue, const Of&, const To& to, const DeviceEyeFrame&,
                   const DeviceColumns<float>& g) {
-        launch_each(device_, queue, g.size(), AddNumbers{g.data, to(host_->feature).data});
+        launch_each(device_, queue, g.size(), detail::AddNumbers{g.data, to(host_->feature).data});
     }
     /// Memory that is held, without what is shared [bytes].
     std::size_t bytes() const { return 0; }
@@ -138,11 +150,15 @@ class DeviceEyeAppearance<FreeFeatures, Device, Networks> {
     const Parameters* host_;
 };
 
+namespace detail {
+
 /// Throws an Error unless an array of an eye appearance has this shape.
 inline void require_eye_array(const std::string& name, const Columns<float>& a, Index rows,
                               Index cols) {
     require(a.rows() == rows && a.cols() == cols, "DeviceEyeAppearance", name, " is ", a.rows(),
             " x ", a.cols(), ", expected ", rows, " x ", cols);
 }
+
+} // namespace detail
 
 } // namespace rye

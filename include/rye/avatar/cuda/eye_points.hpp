@@ -6,7 +6,7 @@
 
 #include <rye/avatar/cuda/eye_parts.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// The eye offset's network in device memory, where the effect is on.
 struct DeviceEyeOffset {
@@ -174,4 +174,4 @@ struct KappaVjpKernel {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

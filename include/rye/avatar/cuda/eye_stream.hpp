@@ -15,17 +15,21 @@
 
 namespace rye {
 
+namespace detail {
+
 /// World cotangents of the eyes' Gaussians, which the vjp consumes.
 struct DeviceEyeCotangent {
     DeviceGaussians<float> world, g;
     float* g_pose = nullptr; ///< of the pose as the eyes' features read it, 6, added to, or null
 };
 
+} // namespace detail
+
 /// The eyes of an avatar on a device. `of` gives where each array of the host's struct lies in
 /// device memory, as Resident::of does.
 template <DeviceEffects E, class Device, class Networks = DeviceNetworks<1>>
 class DeviceEyeStream {
-    using A = typename NetworksOf<E>::Activation;
+    using A = typename detail::NetworksOf<E>::Activation;
     using Appearance = DeviceEyeAppearance<EyeAppearanceOf<E>, Device, Networks>;
 
   public:
@@ -39,11 +43,12 @@ class DeviceEyeStream {
           codes_(config),
           sums_(device),
           appearance_(device, host.appearance(), scratch) {
-        if constexpr (own_turn<E>)
+        if constexpr (detail::own_turn<E>)
             mechanism_ = std::make_unique<DeviceGazeMechanism<GazeMechanismOf<E>, Device>>(
                 device, host.mechanism());
         if constexpr (has_effect<E, Glint>)
-            highlights_ = std::make_unique<DeviceHighlights<E, Device>>(device, host.optics);
+            highlights_ =
+                std::make_unique<detail::DeviceHighlights<E, Device>>(device, host.optics);
         if constexpr (has_effect<E, EyeOffset>)
             offset_ = std::make_unique<DeviceMlpColumn<Device, A>>(device, host.offset.mlp.shape);
     }
@@ -67,21 +72,21 @@ class DeviceEyeStream {
         put(centre_, host_->centre);
         const std::size_t inputs =
             static_cast<std::size_t>(codes_.pose - codes_.expression) +
-            static_cast<std::size_t>(encoded_size(6, config_.pose_frequencies));
-        numbers_.reserve(queue, 12 + 2 * std::size_t(EyeSums<E, 0>::room) + inputs);
-        if constexpr (axes_are_trained<E>) g_axis_.reserve(queue, 6);
+            static_cast<std::size_t>(detail::encoded_size(6, config_.pose_frequencies));
+        numbers_.reserve(queue, 12 + 2 * std::size_t(detail::EyeSums<E, 0>::room) + inputs);
+        if constexpr (detail::axes_are_trained<E>) g_axis_.reserve(queue, 6);
         appearance_.set_fixed(queue, {host_->position, host_->points_of(0)});
     }
 
     /// Takes the networks, and the frame's codes and state.
     template <class Of>
     void set(const CudaQueue& queue, const Of& of, [[maybe_unused]] const float* codes,
-             const DeviceFrameState* frame) {
+             const detail::DeviceFrameState* frame) {
         frame_.gazes = {frame, {eye_turns<E, 0>, eye_turns<E, 1>}};
         frame_.reads_pose = has_effect<E, ReadsHeadPose>;
         if constexpr (has_effect<E, ReadsExpression>) frame_.expression = codes + codes_.expression;
         appearance_.set(queue, of, frame_);
-        if constexpr (own_turn<E>) mechanism_->set(queue, of);
+        if constexpr (detail::own_turn<E>) mechanism_->set(queue, of);
         if constexpr (has_effect<E, EyeOffset>)
             offset_->set(queue, device_parameters(host_->offset.mlp, of),
                          codes + codes_.expression);
@@ -96,7 +101,7 @@ class DeviceEyeStream {
     /// Places the eyes and puts their Gaussians into `to`, in the world: P columns. `keep`: what a
     /// vjp reads.
     template <class Of>
-    void drive_into(const CudaQueue& queue, const Of& of, DeviceFrameState* frame,
+    void drive_into(const CudaQueue& queue, const Of& of, detail::DeviceFrameState* frame,
                     const DeviceGaussians<float>& to, bool keep) {
         if constexpr (has_effect<E, EyeOffset>) offset_->forward_into(queue);
         regaze_into(queue, of, frame, to, keep);
@@ -104,19 +109,18 @@ class DeviceEyeStream {
     /// The same with the offset of the last drive_into, which no gaze changes. All of an eye may
     /// follow from its gaze, and its features from a network that reads it: both are done whole.
     template <class Of>
-    void regaze_into(const CudaQueue& queue, const Of& of, DeviceFrameState* frame,
+    void regaze_into(const CudaQueue& queue, const Of& of, detail::DeviceFrameState* frame,
                      const DeviceGaussians<float>& to, bool keep = false) {
-        PlaceEyesKernel<E> place{centre_.data(), offset(), frame};
-        if constexpr (own_turn<E>) {
+        detail::PlaceEyesKernel<E> place{centre_.data(), offset(), frame};
+        if constexpr (detail::own_turn<E>) {
             mechanism_->turn_into(queue, frame_);
             place.turns = mechanism_->turns();
         }
         device_.launch(queue, 1, place);
-        launch_each(
-            device_, queue, count(),
-            DriveBothEyes<E>{
-                {{arrays_at(of), position_.data(), to, &frame->eye[0]}, &frame->head},
-                host_->points_of(0)});
+        launch_each(device_, queue, count(),
+                    detail::DriveBothEyes<E>{
+                        {{arrays_at(of), position_.data(), to, &frame->eye[0]}, &frame->head},
+                        host_->points_of(0)});
         appearance_.features_into(queue, of, frame_, to.feature, keep);
         if constexpr (has_effect<E, Glint>)
             highlights_->add_into(queue, of, camera_, frame, points(), to.feature);
@@ -125,11 +129,12 @@ class DeviceEyeStream {
     /// Adds the gradients of the last drive_into to arrays that `to` gives, but for what
     /// codes_vjp_into adds.
     template <class Of, class To>
-    void vjp_into(const CudaQueue& queue, const Of& of, const To& to, const DeviceFrameState* frame,
-                  const DeviceEyeCotangent& cotangent) {
+    void vjp_into(const CudaQueue& queue, const Of& of, const To& to,
+                  const detail::DeviceFrameState* frame,
+                  const detail::DeviceEyeCotangent& cotangent) {
         DeviceEyeFrame parts = frame_;
         parts.g_pose = cotangent.g_pose;
-        if constexpr (axes_are_trained<E>)
+        if constexpr (detail::axes_are_trained<E>)
             if (host_->kappa.size() > 0) {
                 parts.g_axis = g_axis_.data();
                 device_.fill(queue, g_axis_.data(), 0, g_axis_.bytes());
@@ -140,10 +145,10 @@ class DeviceEyeStream {
         if constexpr (has_effect<E, Glint>)
             highlights_->vjp_into(queue, of, to, camera_, frame, points(), cotangent.g.feature,
                                   const_cast<float*>(sums(0)));
-        if constexpr (own_turn<E>)
+        if constexpr (detail::own_turn<E>)
             mechanism_->vjp_into(queue, to, parts, {turn_sums<0>(), turn_sums<1>()});
         if constexpr (has_effect<E, EyeOffset>) {
-            launch_each(device_, queue, 6, EyeOffsetVjp<E>{sums(0), offset(), g_offset()});
+            launch_each(device_, queue, 6, detail::EyeOffsetVjp<E>{sums(0), offset(), g_offset()});
             offset_->vjp_into(queue, g_offset(), device_parameters(host_->offset.mlp, to),
                               g_input());
         }
@@ -153,92 +158,100 @@ class DeviceEyeStream {
     /// frames or null).
     template <class To>
     void codes_vjp_into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const To& to,
-                        [[maybe_unused]] const DeviceFrameNumbers& frame,
+                        [[maybe_unused]] const detail::DeviceFrameNumbers& frame,
                         [[maybe_unused]] float* g_codes, [[maybe_unused]] float* g_delta_gaze) {
         if constexpr (has_effect<E, Kappa>)
             if (host_->kappa.size() > 0) {
-                KappaVjpKernel<E> kappa{frame,
-                                        sums(0),
-                                        codes_,
-                                        g_codes,
-                                        config_.gaze_frequencies,
-                                        {to(host_->kappa).data, g_delta_gaze},
-                                        DriverPlaces<E>(config_).column};
-                if constexpr (axes_are_trained<E>) kappa.g_axis = g_axis_.data();
+                detail::KappaVjpKernel<E> kappa{frame,
+                                                sums(0),
+                                                codes_,
+                                                g_codes,
+                                                config_.gaze_frequencies,
+                                                {to(host_->kappa).data, g_delta_gaze},
+                                                detail::DriverPlaces<E>(config_).column};
+                if constexpr (detail::axes_are_trained<E>) kappa.g_axis = g_axis_.data();
                 device_.launch(queue, 1, kappa);
             }
         if constexpr (has_effect<E, EyeOffset>) {
             const Index before = codes_.pose - codes_.expression;
             launch_each(device_, queue, offset_->shape().inputs() - before,
-                        AddNumbers{g_input() + before, g_codes + codes_.pose});
+                        detail::AddNumbers{g_input() + before, g_codes + codes_.pose});
         }
     }
     /// Sums over an eye's points, the head's first (EyeSums).
-    const float* sums(int eye) const { return numbers_.data() + 12 + eye * EyeSums<E, 0>::room; }
+    const float* sums(int eye) const {
+        return numbers_.data() + 12 + eye * detail::EyeSums<E, 0>::room;
+    }
 
     /// Memory that is held [bytes].
     std::size_t bytes() const {
         std::size_t sum = position_.bytes() + centre_.bytes() + numbers_.bytes() + sums_.bytes() +
                           appearance_.bytes();
-        if constexpr (own_turn<E>) sum += mechanism_->bytes();
+        if constexpr (detail::own_turn<E>) sum += mechanism_->bytes();
         if constexpr (has_effect<E, Glint>) sum += highlights_->bytes();
-        if constexpr (axes_are_trained<E>) sum += g_axis_.bytes();
+        if constexpr (detail::axes_are_trained<E>) sum += g_axis_.bytes();
         if constexpr (has_effect<E, EyeOffset>) sum += offset_->bytes();
         return sum;
     }
 
   private:
     struct BothArrays {
-        EyeArrays<float> raw, gradient;
+        detail::EyeArrays<float> raw, gradient;
     };
     template <class Of>
-    EyeArrays<float> arrays_at(const Of& of) const {
+    detail::EyeArrays<float> arrays_at(const Of& of) const {
         return {of(host_->log_scale).data, of(host_->rotation).data, of(host_->opacity_logit).data};
     }
-    DeviceEyeOffset offset() const {
+    detail::DeviceEyeOffset offset() const {
         const float* output = nullptr;
         if constexpr (has_effect<E, EyeOffset>) output = offset_->outputs();
         return {output, numbers_.data(), static_cast<float>(config_.deform_scale)};
     }
     template <int eye>
     const float* turn_sums() const {
-        using Places = EyeSums<E, eye>;
+        using Places = detail::EyeSums<E, eye>;
         return Places::turn ? sums(eye) + Places::turn_at : nullptr;
     }
-    DeviceEyePoints points() const { return {position_.data(), count(), host_->points_of(0)}; }
+    detail::DeviceEyePoints points() const {
+        return {position_.data(), count(), host_->points_of(0)};
+    }
     float* g_offset() const { return numbers_.data() + 6; }
-    float* g_input() const { return numbers_.data() + 12 + 2 * EyeSums<E, 0>::room; }
+    float* g_input() const { return numbers_.data() + 12 + 2 * detail::EyeSums<E, 0>::room; }
 
     template <int eye>
-    void points_vjp(const CudaQueue& queue, const BothArrays& all, const DeviceFrameState* frame,
-                    const DeviceEyeCotangent& cotangent) {
+    void points_vjp(const CudaQueue& queue, const BothArrays& all,
+                    const detail::DeviceFrameState* frame,
+                    const detail::DeviceEyeCotangent& cotangent) {
         const Index first = host_->first_point(eye), n = host_->points_of(eye);
         sums_.launch(
             queue, n,
-            EyePointVjp<float, E, eye>{all.raw.from(first), all.gradient.from(first),
-                                       position_.data() + 3 * first,
-                                       columns_from(cotangent.world, {first, n}),
-                                       columns_from(cotangent.g, {first, n}), &frame->head,
-                                       &frame->turn[eye]},
+            detail::EyePointVjp<float, E, eye>{
+                all.raw.from(first), all.gradient.from(first), position_.data() + 3 * first,
+                detail::columns_from(cotangent.world, {first, n}),
+                detail::columns_from(cotangent.g, {first, n}), &frame->head, &frame->turn[eye]},
             {const_cast<float*>(sums(eye))});
     }
 
     Device device_;
     AvatarConfig config_;
     const EyeStream<float, E>* host_;
-    CodePlaces<E> codes_;
+    detail::CodePlaces<E> codes_;
     DeviceSums<Device> sums_;
     Appearance appearance_;
     DeviceEyeFrame frame_{};
     const float* camera_ = nullptr; ///< of the frame, in the world, 3
-    [[no_unique_address]] Slot<E, Glint, std::unique_ptr<DeviceHighlights<E, Device>>, 1>
+    [[no_unique_address]] detail::Slot<E, Glint,
+                                       std::unique_ptr<detail::DeviceHighlights<E, Device>>, 1>
         highlights_;
-    [[no_unique_address]] PresentIf<
-        own_turn<E>, NoOwnTurn, std::unique_ptr<DeviceGazeMechanism<GazeMechanismOf<E>, Device>>>
+    [[no_unique_address]] detail::PresentIf<
+        detail::own_turn<E>, detail::NoOwnTurn,
+        std::unique_ptr<DeviceGazeMechanism<GazeMechanismOf<E>, Device>>>
         mechanism_;
-    [[no_unique_address]] PresentIf<axes_are_trained<E>, NoTrainedAxes, DeviceBuffer<float>>
+    [[no_unique_address]] detail::PresentIf<detail::axes_are_trained<E>, detail::NoTrainedAxes,
+                                            DeviceBuffer<float>>
         g_axis_;
-    [[no_unique_address]] Slot<E, EyeOffset, std::unique_ptr<DeviceMlpColumn<Device, A>>> offset_;
+    [[no_unique_address]] detail::Slot<E, EyeOffset, std::unique_ptr<DeviceMlpColumn<Device, A>>>
+        offset_;
     DeviceBuffer<float> position_, centre_;
     DeviceBuffer<float> numbers_; ///< squashed offsets, their cotangents, sums, of the inputs
 };

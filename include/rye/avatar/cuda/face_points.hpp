@@ -8,7 +8,7 @@
 #include <rye/gaussian/attributes.hpp>
 #include <rye/splat/cuda/gaussians.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Arrays of a face that its points read or add to, in device memory.
 struct DeviceFaceArrays {
@@ -123,4 +123,4 @@ struct FacePointVjp {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

@@ -12,7 +12,7 @@
 #include <rye/nn/cuda/encoding.hpp>
 #include <rye/rig/cuda/influence.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// True for the field of an eye's gaze.
 template <class By>
@@ -244,4 +244,4 @@ class DeviceFaceRest {
     DeviceBuffer<float> code_, feature_, lambda_;
 };
 
-} // namespace rye
+} // namespace rye::detail

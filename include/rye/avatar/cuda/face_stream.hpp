@@ -12,6 +12,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// A frame's numbers and the cotangents of its codes, as a face reads and adds to them.
 struct DeviceFaceFrame {
     const float* codes;
@@ -25,18 +27,20 @@ struct DeviceFaceCotangent {
     float* head; ///< head_sums numbers, overwritten
 };
 
+} // namespace detail
+
 /// The face of an avatar on a device. Parameters lie elsewhere: `of` gives where each array of the
 /// host's struct, which must stay where it is, lies in device memory, as Resident::of does.
 template <DeviceEffects E, class Device, class Networks = DeviceNetworks<1>>
 class DeviceFaceStream {
-    using A = typename NetworksOf<E>::Activation;
-    using FeatureField = DeviceField<Device, typename Networks::OfFeatures, A>;
-    using PositionField = DeviceField<Device, typename Networks::OfPositions, A>;
+    using A = typename detail::NetworksOf<E>::Activation;
+    using FeatureField = detail::DeviceField<Device, typename Networks::OfFeatures, A>;
+    using PositionField = detail::DeviceField<Device, typename Networks::OfPositions, A>;
 
   public:
     /// Throws an Error for networks that do not fit the tiles.
     DeviceFaceStream(const Device& device, const AvatarConfig& config,
-                     const FaceStream<float, E>& host, DeviceFieldScratch& scratch)
+                     const FaceStream<float, E>& host, detail::DeviceFieldScratch& scratch)
         : device_(device),
           config_(config),
           host_(&host),
@@ -58,8 +62,8 @@ class DeviceFaceStream {
 
     Index count() const { return host_->position.cols(); }
     /// All that follows from the parameters and not from a frame.
-    DeviceFaceRest<E, Device>& rest() { return rest_; }
-    const DeviceFaceRest<E, Device>& rest() const { return rest_; }
+    detail::DeviceFaceRest<E, Device>& rest() { return rest_; }
+    const detail::DeviceFaceRest<E, Device>& rest() const { return rest_; }
 
     /// Takes the networks' weights and the frame's codes, and makes what follows from the
     /// parameters and not from a frame: codes of points, features, influences, lists.
@@ -80,7 +84,7 @@ class DeviceFaceStream {
 
     /// Puts the driven face into `to`, in the world: N columns. place_into has been.
     template <class Of>
-    void drive_into(const CudaQueue& queue, const Of& of, const DeviceFaceFrame& frame,
+    void drive_into(const CudaQueue& queue, const Of& of, const detail::DeviceFaceFrame& frame,
                     const DeviceGaussians<float>& to, bool keep) {
         const Index n = count();
         if constexpr (has_effect<E, ReadsFaceRamp>) steps_.reserve(queue, numbers(8));
@@ -90,11 +94,12 @@ class DeviceFaceStream {
                 sum = to.feature;
                 if constexpr (face_rests<E>)
                     launch_each(device_, q, sum.size(),
-                                CopyNumbers{of(host_->rest_color).data, sum.data});
+                                detail::CopyNumbers{of(host_->rest_color).data, sum.data});
                 else
                     device_.fill(q, sum.data, 0, bytes_of(sum.size()));
             } else if (k == of_places) {
-                launch_each(device_, q, 3 * n, CopyNumbers{of(host_->position).data, sum.data});
+                launch_each(device_, q, 3 * n,
+                            detail::CopyNumbers{of(host_->position).data, sum.data});
             } else if constexpr (has_effect<E, ReadsFaceRamp>) {
                 sum = {steps_.data(), 8, n};
                 device_.fill(q, sum.data, 0, bytes_of(sum.size()));
@@ -105,7 +110,7 @@ class DeviceFaceStream {
             });
         });
         launch_each(device_, queue, n,
-                    FinishFacePoint<E>{arrays_at(of), steps_.data(), to, frame.state});
+                    detail::FinishFacePoint<E>{arrays_at(of), steps_.data(), to, frame.state});
     }
 
     /// Redoes what gazes move of the face in `to`, after a drive_into of the same parameters, and
@@ -113,7 +118,7 @@ class DeviceFaceStream {
     /// the points on their lists. Not for a vjp.
     template <class Of>
     void regaze_into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const Of& of,
-                     [[maybe_unused]] const DeviceFrameState* frame,
+                     [[maybe_unused]] const detail::DeviceFrameState* frame,
                      [[maybe_unused]] const DeviceGaussians<float>& to) {
         if constexpr (gazes > 0) {
             branches_.run(queue, 2 * gazes, [&](std::size_t k, const CudaQueue& q) {
@@ -121,7 +126,7 @@ class DeviceFaceStream {
                 std::size_t gaze = 0;
                 for_fields_of(
                     kind, [&]<class By>([[maybe_unused]] By by, auto& field, const auto&) {
-                        if constexpr (of_gaze<By>)
+                        if constexpr (detail::of_gaze<By>)
                             if (gaze++ == k % gazes) {
                                 field.set_frame(q);
                                 field.evaluate_into(
@@ -130,18 +135,18 @@ class DeviceFaceStream {
                             }
                     });
             });
-            const GazedPoints points = rest_.gazed();
+            const detail::GazedPoints points = rest_.gazed();
             branches_.run(queue, 2, [&](std::size_t kind, const CudaQueue& q) {
                 if (kind == of_places)
                     return launch_each(
                         device_, q, points.count(),
-                        GazedMean<E, drivers>{points, fields_sum(kind, of(host_->position)),
-                                              to.mean.data, frame});
+                        detail::GazedMean<E, drivers>{points, fields_sum(kind, of(host_->position)),
+                                                      to.mean.data, frame});
                 DeviceColumns<const float> before{nullptr, to.feature.rows, count()};
                 if constexpr (face_rests<E>) before = of(host_->rest_color);
-                launch_each(
-                    device_, q, points.count() * before.rows,
-                    GazedFeature<drivers>{points, fields_sum(kind, before), to.feature.data});
+                launch_each(device_, q, points.count() * before.rows,
+                            detail::GazedFeature<drivers>{points, fields_sum(kind, before),
+                                                          to.feature.data});
             });
         }
     }
@@ -149,18 +154,20 @@ class DeviceFaceStream {
     /// Adds the gradients of the last drive_into, which kept what is read here, to arrays that
     /// `to` gives as `of` gives the parameters'. Consumes the cotangents.
     template <class Of, class To>
-    void vjp_into(const CudaQueue& queue, const Of& of, const To& to, const DeviceFaceFrame& frame,
-                  const DeviceFaceCotangent& cotangent) {
+    void vjp_into(const CudaQueue& queue, const Of& of, const To& to,
+                  const detail::DeviceFaceFrame& frame,
+                  const detail::DeviceFaceCotangent& cotangent) {
         const Index n = count();
         const DeviceGaussians<float>& g = cotangent.g;
         if constexpr (has_effect<E, ReadsFaceRamp>) g_steps_.reserve(queue, numbers(8));
-        sums_.launch(queue, n,
-                     FacePointVjp<E>{arrays_at(of), arrays_at(to), steps_.data(), g_steps_.data(),
-                                     cotangent.world, g, frame.state, rest_.rooms()},
-                     {cotangent.head});
+        sums_.launch(
+            queue, n,
+            detail::FacePointVjp<E>{arrays_at(of), arrays_at(to), steps_.data(), g_steps_.data(),
+                                    cotangent.world, g, frame.state, rest_.rooms()},
+            {cotangent.head});
         if constexpr (face_rests<E>)
             launch_each(device_, queue, g.feature.size(),
-                        AddNumbers{g.feature.data, to(host_->rest_color).data});
+                        detail::AddNumbers{g.feature.data, to(host_->rest_color).data});
         if constexpr (has_effect<E, FaceDrivers>) fields_vjp(queue, of, to, frame, g);
     }
 
@@ -190,37 +197,38 @@ class DeviceFaceStream {
         });
     }
 
-    static constexpr int drivers = DeviceFaceRest<E, Device>::drivers;
-    static constexpr std::size_t gazes = DeviceFaceRest<E, Device>::gazes;
+    static constexpr int drivers = detail::DeviceFaceRest<E, Device>::drivers;
+    static constexpr std::size_t gazes = detail::DeviceFaceRest<E, Device>::gazes;
 
     std::size_t numbers(Index rows) const { return static_cast<std::size_t>(rows * count()) + 1; }
     static std::size_t bytes_of(Index n) { return static_cast<std::size_t>(n) * sizeof(float); }
     template <class Of>
-    DeviceFaceArrays arrays_at(const Of& of) const {
+    detail::DeviceFaceArrays arrays_at(const Of& of) const {
         return {of(host_->position).data, of(host_->log_scale).data, of(host_->rotation).data,
                 of(host_->opacity_logit).data};
     }
     /// The fields of a kind as regaze_into finds them: those of the gazes were evaluated, others
     /// added before.
-    FieldsSum<drivers> fields_sum(std::size_t kind, const DeviceColumns<const float>& before) {
-        FieldsSum<drivers> sum{before.data, before.rows, {}};
+    detail::FieldsSum<drivers> fields_sum(std::size_t kind,
+                                          const DeviceColumns<const float>& before) {
+        detail::FieldsSum<drivers> sum{before.data, before.rows, {}};
         int k = 0;
         for_fields_of(kind, [&]<class By>(By, auto& field, const auto&) {
-            sum.of[k++] = of_gaze<By> ? field.evaluated() : field.added();
+            sum.of[k++] = detail::of_gaze<By> ? field.evaluated() : field.added();
         });
         return sum;
     }
     /// Returns the destination of the cotangent of a driver's code; null if it trains nothing.
     template <class By>
-    float* g_code_of(const DeviceFaceFrame& frame, By by) const {
+    float* g_code_of(const detail::DeviceFaceFrame& frame, By by) const {
         constexpr bool trained =
-            std::same_as<By, PoseField> || (of_gaze<By> && has_effect<E, Kappa>);
+            std::same_as<By, PoseField> || (detail::of_gaze<By> && has_effect<E, Kappa>);
         return trained ? frame.g_codes + codes_.of(by) : nullptr;
     }
 
     template <class Of, class To>
     void fields_vjp(const CudaQueue& queue, const Of& of, const To& to,
-                    const DeviceFaceFrame& frame, const DeviceGaussians<float>& g) {
+                    const detail::DeviceFaceFrame& frame, const DeviceGaussians<float>& g) {
         const Index n = count();
         const auto zeroed = [&](DeviceBuffer<float>& b, Index rows) -> DeviceColumns<float> {
             b.reserve(queue, numbers(rows));
@@ -235,7 +243,7 @@ class DeviceFaceStream {
         const Index lambdas = drivers * n;
         g_beside_.reserve(queue, numbers(drivers) + static_cast<std::size_t>(codes_.size));
         device_.fill(queue, g_beside_.data(), 0, bytes_of(lambdas + codes_.size));
-        DeviceFaceFrame beside = frame;
+        detail::DeviceFaceFrame beside = frame;
         beside.g_codes = g_beside_.data() + lambdas;
         branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
             const auto pull = [&](std::size_t kind, const DeviceColumns<const float>& of_sum) {
@@ -250,8 +258,9 @@ class DeviceFaceStream {
             pull(of_colours, g.feature);
             pull(of_attributes, {g_steps_.data(), 8, n});
         });
-        launch_each(device_, queue, lambdas, AddNumbers{g_beside_.data(), g_lambda_.data()});
-        launch_each(device_, queue, codes_.size, AddNumbers{beside.g_codes, frame.g_codes});
+        launch_each(device_, queue, lambdas,
+                    detail::AddNumbers{g_beside_.data(), g_lambda_.data()});
+        launch_each(device_, queue, codes_.size, detail::AddNumbers{beside.g_codes, frame.g_codes});
         rest_.vjp_into(queue, of, to, g_code_.data(), g_feature_.data(), g_lambda_);
     }
 
@@ -259,14 +268,14 @@ class DeviceFaceStream {
     DeviceBranches<Device> branches_;
     AvatarConfig config_;
     const FaceStream<float, E>* host_;
-    CodePlaces<E> codes_;
-    FaceFields<std::unique_ptr<FeatureField>, E> color_;
-    FaceFields<std::unique_ptr<PositionField>, E> deform_;
-    AttributeFields<std::unique_ptr<FeatureField>, E> attribute_;
-    DeviceFaceRest<E, Device> rest_;
+    detail::CodePlaces<E> codes_;
+    detail::FaceFields<std::unique_ptr<FeatureField>, E> color_;
+    detail::FaceFields<std::unique_ptr<PositionField>, E> deform_;
+    detail::AttributeFields<std::unique_ptr<FeatureField>, E> attribute_;
+    detail::DeviceFaceRest<E, Device> rest_;
     DeviceSums<Device> sums_;
     DeviceBuffer<float> steps_, g_code_, g_feature_, g_lambda_, g_steps_;
-    DeviceFieldScratch beside_scratch_; ///< of displacements
+    detail::DeviceFieldScratch beside_scratch_; ///< of displacements
     DeviceBuffer<float> g_beside_;      ///< what they add to influences and to codes
 };
 

@@ -20,6 +20,8 @@ struct DeviceNetworks {
     using OfPositions = MlpTiles<N, width, codes>;
 };
 
+namespace detail {
+
 /// Points that a driver moves, in device memory, and their influence.
 struct DeviceInfluenced {
     DevicePoints points;
@@ -220,5 +222,7 @@ class DeviceField {
     DeviceInfluenced set_{};
     DeviceBuffer<float> output_;
 };
+
+} // namespace detail
 
 } // namespace rye

@@ -15,7 +15,7 @@
 #include <rye/core/bits.hpp>
 #include <rye/core/format.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// True if frames have corrections of their poses or gazes.
 template <EffectSet E>
@@ -309,4 +309,4 @@ struct FramePoseKernel {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

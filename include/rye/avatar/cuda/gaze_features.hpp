@@ -12,6 +12,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Rotates triplet i of columns of `triplets` by the gaze of their eye.
 struct TurnTriplet {
     static constexpr const char* name = "triplets turned";
@@ -55,6 +57,8 @@ struct EncodeGazeAngle {
     }
 };
 
+} // namespace detail
+
 /// RotatedFeatures.
 template <class Device, class Networks>
 class DeviceEyeAppearance<RotatedFeatures, Device, Networks> {
@@ -70,7 +74,7 @@ class DeviceEyeAppearance<RotatedFeatures, Device, Networks> {
     void set_fixed(const CudaQueue& queue, const EyeballPoints& points) {
         points_ = points.position.cols();
         left_ = points.left;
-        require_eye_array("latent", host_->latent, rows, points_);
+        detail::require_eye_array("latent", host_->latent, rows, points_);
         turned_.reserve(queue, static_cast<std::size_t>(rows * points_) + 1);
     }
     template <class Of>
@@ -94,14 +98,14 @@ class DeviceEyeAppearance<RotatedFeatures, Device, Networks> {
         map_.vjp_into(queue, g,
                       {device_parameters(host_->map, to), {g_turned_.data(), rows, points_}});
         launch_each(device_, queue, triplets(),
-                    TurnTripletVjp{turn(g_turned_.data(), to(host_->latent).data, frame)});
+                    detail::TurnTripletVjp{turn(g_turned_.data(), to(host_->latent).data, frame)});
     }
     std::size_t bytes() const { return map_.bytes() + turned_.bytes() + g_turned_.bytes(); }
 
   private:
     static constexpr Index rows = RotatedFeatures::latent_size;
     Index triplets() const { return rows / 3 * points_; }
-    TurnTriplet turn(const float* from, float* to, const DeviceEyeFrame& frame) const {
+    detail::TurnTriplet turn(const float* from, float* to, const DeviceEyeFrame& frame) const {
         return {from, to, static_cast<std::uint32_t>(rows / 3), static_cast<std::uint32_t>(left_),
                 frame.gazes};
     }
@@ -131,8 +135,8 @@ class DeviceEyeAppearance<ConditionedFeatures, Device, Networks> {
 
     void set_fixed(const CudaQueue& queue, const EyeballPoints& points) {
         left_ = points.left;
-        require_eye_array("latent", host_->latent, ConditionedFeatures::latent_size,
-                          points.position.cols());
+        detail::require_eye_array("latent", host_->latent, ConditionedFeatures::latent_size,
+                                  points.position.cols());
         codes_.reserve(queue, std::size_t(2 * code));
     }
     template <class Of>
@@ -151,23 +155,24 @@ class DeviceEyeAppearance<ConditionedFeatures, Device, Networks> {
     void features_into(const CudaQueue& queue, const Of& of, const DeviceEyeFrame&,
                        const DeviceColumns<float>& feature, bool keep) {
         for (int eye = 0; eye < 2; ++eye)
-            color_[eye]->forward_into(queue, columns_of_eye(of(host_->latent), eye, left_),
-                                      columns_of_eye(feature, eye, left_), keep);
+            color_[eye]->forward_into(queue, detail::columns_of_eye(of(host_->latent), eye, left_),
+                                      detail::columns_of_eye(feature, eye, left_), keep);
     }
     template <class Of, class To>
     void vjp_into(const CudaQueue& queue, const Of&, const To& to, const DeviceEyeFrame&,
                   const DeviceColumns<float>& g) {
         for (int eye = 0; eye < 2; ++eye)
-            color_[eye]->vjp_into(queue, columns_of_eye(g, eye, left_),
-                                  {device_parameters(host_->color, to),
-                                   columns_of_eye(to(host_->latent), eye, left_), nullptr, true});
+            color_[eye]->vjp_into(
+                queue, detail::columns_of_eye(g, eye, left_),
+                {device_parameters(host_->color, to),
+                 detail::columns_of_eye(to(host_->latent), eye, left_), nullptr, true});
     }
     std::size_t bytes() const { return color_[0]->bytes() + color_[1]->bytes() + codes_.bytes(); }
 
   private:
     static constexpr int code = ConditionedFeatures::gaze_code;
     void encode(const CudaQueue& queue, const DeviceEyeFrame& frame) {
-        launch_each(device_, queue, 4, EncodeGazeAngle{frame.gazes, codes_.data(), code});
+        launch_each(device_, queue, 4, detail::EncodeGazeAngle{frame.gazes, codes_.data(), code});
     }
 
     Device device_;
@@ -196,7 +201,7 @@ class DeviceEyeAppearance<RotatedCode, Device, Networks> {
     void set_fixed(const CudaQueue& queue, const EyeballPoints& points) {
         left_ = points.left;
         points_ = points.position.cols();
-        require_eye_array("latent", host_->latent, rows, 2);
+        detail::require_eye_array("latent", host_->latent, rows, 2);
         const VecX<float> none;
         const Columns<float> no_gaze;
         const EyeInputs<float> in{points.position, left_, none, no_gaze, none};
@@ -224,17 +229,17 @@ class DeviceEyeAppearance<RotatedCode, Device, Networks> {
                        const DeviceColumns<float>& feature, bool keep) {
         const DeviceColumns<float> places{places_.data(), RotatedCode::place_code, points_};
         for (int eye = 0; eye < 2; ++eye)
-            decoder_[eye]->forward_into(queue, columns_of_eye(places, eye, left_),
-                                        columns_of_eye(feature, eye, left_), keep);
+            decoder_[eye]->forward_into(queue, detail::columns_of_eye(places, eye, left_),
+                                        detail::columns_of_eye(feature, eye, left_), keep);
     }
     template <class Of, class To>
     void vjp_into(const CudaQueue& queue, const Of&, const To& to, const DeviceEyeFrame& frame,
                   const DeviceColumns<float>& g) {
         for (int eye = 0; eye < 2; ++eye)
-            decoder_[eye]->vjp_into(queue, columns_of_eye(g, eye, left_),
+            decoder_[eye]->vjp_into(queue, detail::columns_of_eye(g, eye, left_),
                                     {device_parameters(host_->decoder, to), {}, code(2 + eye)});
         launch_each(device_, queue, 2 * rows / 3,
-                    TurnTripletVjp{turn(code(2), to(host_->latent).data, frame)});
+                    detail::TurnTripletVjp{turn(code(2), to(host_->latent).data, frame)});
     }
     std::size_t bytes() const {
         return decoder_[0]->bytes() + decoder_[1]->bytes() + places_.bytes() + codes_.bytes();
@@ -244,7 +249,7 @@ class DeviceEyeAppearance<RotatedCode, Device, Networks> {
     static constexpr Index rows = RotatedCode::latent_size;
     /// Of an eye; from 2 on their cotangents.
     float* code(int k) const { return codes_.data() + k * rows; }
-    TurnTriplet turn(const float* from, float* to, const DeviceEyeFrame& frame) const {
+    detail::TurnTriplet turn(const float* from, float* to, const DeviceEyeFrame& frame) const {
         return {from, to, static_cast<std::uint32_t>(rows / 3), 1U, frame.gazes};
     }
     template <class Of>

@@ -10,6 +10,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Input i of an eye's network: codes of pitch and yaw, and which eye it is.
 struct TurnInputs {
     static constexpr const char* name = "inputs of learned turns";
@@ -72,6 +74,8 @@ struct TurnInputsVjp {
     }
 };
 
+} // namespace detail
+
 /// LearnedQuaternion.
 template <class Device>
 class DeviceGazeMechanism<LearnedQuaternion, Device> {
@@ -93,7 +97,7 @@ class DeviceGazeMechanism<LearnedQuaternion, Device> {
                             numbers_.data() + eye * inputs);
     }
     void turn_into(const CudaQueue& queue, const DeviceEyeFrame& frame) {
-        launch_each(device_, queue, 4, TurnInputs{angles(frame)});
+        launch_each(device_, queue, 4, detail::TurnInputs{angles(frame)});
         for (int eye = 0; eye < 2; ++eye)
             if (frame.gazes.turns[eye]) turn_[eye]->forward_into(queue);
         launch_each(device_, queue, 2, normalize(frame));
@@ -103,22 +107,23 @@ class DeviceGazeMechanism<LearnedQuaternion, Device> {
     void vjp_into(const CudaQueue& queue, const To& to, const DeviceEyeFrame& frame,
                   const DeviceTurnSums& sums) {
         float *const g_output = numbers_.data() + 2 * (inputs + 4), *const g_input = g_output + 8;
-        launch_each(device_, queue, 2, NormalizeTurnVjp{normalize(frame), sums, g_output});
+        launch_each(device_, queue, 2, detail::NormalizeTurnVjp{normalize(frame), sums, g_output});
         const DeviceMlpParameters gradient = device_parameters(host_->turn, to);
         for (int eye = 0; eye < 2; ++eye)
             if (frame.gazes.turns[eye])
                 turn_[eye]->vjp_into(queue, g_output + 4 * eye, gradient, g_input + eye * inputs);
         if (frame.g_axis != nullptr)
-            launch_each(device_, queue, 2, TurnInputsVjp{angles(frame), g_input, frame.g_axis});
+            launch_each(device_, queue, 2,
+                        detail::TurnInputsVjp{angles(frame), g_input, frame.g_axis});
     }
     std::size_t bytes() const { return turn_[0]->bytes() + turn_[1]->bytes() + numbers_.bytes(); }
 
   private:
     static constexpr int inputs = LearnedQuaternion::inputs;
-    EncodeGazeAngle angles(const DeviceEyeFrame& frame) const {
+    detail::EncodeGazeAngle angles(const DeviceEyeFrame& frame) const {
         return {frame.gazes, numbers_.data(), inputs};
     }
-    NormalizeTurn normalize(const DeviceEyeFrame& frame) const {
+    detail::NormalizeTurn normalize(const DeviceEyeFrame& frame) const {
         const auto output = [&](int eye) {
             return frame.gazes.turns[eye] ? turn_[eye]->outputs() : nullptr;
         };

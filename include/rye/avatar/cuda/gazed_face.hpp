@@ -9,7 +9,7 @@
 #include <rye/avatar/cuda/field.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// The points that the gaze of either eye moves.
 struct GazedPoints {
@@ -82,4 +82,4 @@ struct GazedMean {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

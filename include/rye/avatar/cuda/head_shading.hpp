@@ -12,6 +12,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Coefficients of one channel, as light.col(c) of the host's.
 template <class T>
 struct LightColumn {
@@ -32,23 +34,29 @@ RYE_HD inline float light_gain(const detail::LightChange<float>& change, int c,
     return exp(change.of[std::size_t(c)].at(normal));
 }
 
+} // namespace detail
+
 /// The change of light in channel c, and the eyes' gains.
 struct LightOfFrame {
     static constexpr const char* name = "light of a frame";
     const float* light;      ///< 8 x 3
     const float* eye_normal; ///< 3 x 2
-    const DeviceFrameState* frame;
-    DeviceLight* to;
+    const detail::DeviceFrameState* frame;
+    detail::DeviceLight* to;
 
     RYE_DEVICE void operator()(Index i) const {
         const int c = static_cast<int>(i);
-        const Mat3<float> r = so3_exp(column3(frame->pose.data(), 0));
-        detail::turned_light(detail::log_light<float>(LightColumn<const float>{light + 8 * c}), r,
-                             to->change.of[std::size_t(c)]);
+        const Mat3<float> r = so3_exp(detail::column3(frame->pose.data(), 0));
+        detail::turned_light(
+            detail::log_light<float>(detail::LightColumn<const float>{light + 8 * c}), r,
+            to->change.of[std::size_t(c)]);
         for (int eye = 0; eye < 2; ++eye)
-            to->eye_gain[eye][c] = light_gain(to->change, c, column3(eye_normal, eye));
+            to->eye_gain[eye][c] =
+                detail::light_gain(to->change, c, detail::column3(eye_normal, eye));
     }
 };
+
+namespace detail {
 
 /// Multiplies the first three channels of Gaussian i.
 struct ShadePoint {
@@ -200,13 +208,15 @@ struct ShadedCounts {
     Index faces, left, all;
 };
 
+} // namespace detail
+
 /// The shading of an avatar on a device. Without parameters it launches and holds nothing.
 template <class Device>
 class DeviceHeadShading {
   public:
     /// `host` must stay where it is. Throws an Error for another number of normals.
     DeviceHeadShading(const Device& device, const CudaQueue& queue, const Shading<float>& host,
-                      const ShadedCounts& counts)
+                      const detail::ShadedCounts& counts)
         : device_(device),
           host_(&host),
           counts_(counts),
@@ -215,12 +225,13 @@ class DeviceHeadShading {
         require(host.normal.cols() == counts.faces, "DeviceHeadShading", "there are ",
                 host.normal.cols(), " normals, expected ", counts.faces);
         light_.reserve(queue, 1);
-        numbers_.reserve(queue, std::size_t(ShadeFaceVjp::sums + ShadeEyesVjp::sums));
+        numbers_.reserve(queue,
+                         std::size_t(detail::ShadeFaceVjp::sums + detail::ShadeEyesVjp::sums));
     }
 
     /// Multiplies the features of the driven cloud, C x (N + P).
     template <class Of>
-    void shade_into(const CudaQueue& queue, const Of& of, const DeviceFrameState* frame,
+    void shade_into(const CudaQueue& queue, const Of& of, const detail::DeviceFrameState* frame,
                     const DeviceColumns<float>& feature) {
         if (!host_->any()) return;
         launch_each(device_, queue, 3, light_at(of, frame));
@@ -230,14 +241,14 @@ class DeviceHeadShading {
     /// last shade_into, which no gaze changes.
     template <class Of>
     void shade_into(const CudaQueue& queue, const Of& of, const DeviceColumns<float>& feature,
-                    const GazedPoints& points) {
+                    const detail::GazedPoints& points) {
         if (!host_->any()) return;
         launch_each(device_, queue, points.count() + counts_.all - counts_.faces,
-                    ShadeGazedPoint{points, shade(of, feature)});
+                    detail::ShadeGazedPoint{points, shade(of, feature)});
     }
     /// Features as shade_into left them, and their cotangents.
     struct Pass {
-        const DeviceFrameState* frame;
+        const detail::DeviceFrameState* frame;
         DeviceColumns<float> feature, g; ///< g: replaced by that of the features before
         float* g_pose;                   ///< 3, added to
     };
@@ -245,33 +256,35 @@ class DeviceHeadShading {
     template <class Of, class To>
     void vjp_into(const CudaQueue& queue, const Of& of, const To& to, const Pass& pass) {
         if (!host_->any()) return;
-        const ShadePoint points = shade(of, pass.feature);
-        float *const face = numbers_.data(), *const eyes = face + ShadeFaceVjp::sums;
-        sums_.launch(queue, counts_.faces, ShadeFaceVjp{points, pass.g, to(host_->normal).data},
-                     {face});
-        sums_.launch(queue, counts_.all - counts_.faces, ShadeEyesVjp{points, pass.g}, {eyes});
-        device_.launch(queue, 1,
-                       LightVjpKernel{light_at(of, pass.frame), face, eyes, to(host_->light).data,
-                                      to(host_->eye_normal).data, pass.g_pose});
+        const detail::ShadePoint points = shade(of, pass.feature);
+        float *const face = numbers_.data(), *const eyes = face + detail::ShadeFaceVjp::sums;
+        sums_.launch(queue, counts_.faces,
+                     detail::ShadeFaceVjp{points, pass.g, to(host_->normal).data}, {face});
+        sums_.launch(queue, counts_.all - counts_.faces, detail::ShadeEyesVjp{points, pass.g},
+                     {eyes});
+        device_.launch(
+            queue, 1,
+            detail::LightVjpKernel{light_at(of, pass.frame), face, eyes, to(host_->light).data,
+                                   to(host_->eye_normal).data, pass.g_pose});
     }
     /// Memory that is held [bytes].
     std::size_t bytes() const { return light_.bytes() + numbers_.bytes() + sums_.bytes(); }
 
   private:
     template <class Of>
-    LightOfFrame light_at(const Of& of, const DeviceFrameState* frame) const {
+    LightOfFrame light_at(const Of& of, const detail::DeviceFrameState* frame) const {
         return {of(host_->light).data, of(host_->eye_normal).data, frame, light_.data()};
     }
     template <class Of>
-    ShadePoint shade(const Of& of, const DeviceColumns<float>& feature) const {
+    detail::ShadePoint shade(const Of& of, const DeviceColumns<float>& feature) const {
         return {of(host_->normal).data, light_.data(), counts_.faces, counts_.left, feature};
     }
 
     Device device_;
     const Shading<float>* host_;
-    ShadedCounts counts_;
+    detail::ShadedCounts counts_;
     DeviceSums<Device> sums_;
-    DeviceBuffer<DeviceLight> light_;
+    DeviceBuffer<detail::DeviceLight> light_;
     DeviceBuffer<float> numbers_; ///< sums of the face, of the eyes
 };
 

@@ -7,7 +7,7 @@
 #include <rye/avatar/guidance_mesh.hpp>
 #include <rye/nn/cuda/offload.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 // Documented in guidance_mesh.hpp.
 template <class T, EffectSet E, OffloadsNetworks B>
@@ -21,4 +21,4 @@ Columns<T> signed_distances(const B& backend, const GuidanceMesh<T, E>& mesh,
     return detail::signed_distances_by_blocks(backend, mesh, config, points);
 }
 
-} // namespace rye
+} // namespace rye::detail

@@ -25,6 +25,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// A cloud of Gaussians in device memory of its own.
 class DeviceCloudBuffer {
   public:
@@ -49,6 +51,8 @@ class DeviceCloudBuffer {
     DeviceBuffer<float> buffer_[5];
     DeviceGaussians<float> view_;
 };
+
+} // namespace detail
 
 /// An avatar of the host and what is the same in every frame.
 template <EffectSet E>
@@ -78,7 +82,7 @@ class DeviceTwoStream {
           codes_(of.config),
           face_(device, config_, host_.face, scratch_),
           eyes_(device, config_, host_.eyes, eye_scratch_) {
-        check_corrections(host_, "DeviceTwoStream");
+        detail::check_corrections(host_, "DeviceTwoStream");
         parameters_.send(queue, host_);
         face_.rest().set_fixed(queue, of.roles);
         const Index n = face_.count() + eyes_.count();
@@ -87,11 +91,11 @@ class DeviceTwoStream {
         eyes_.set_fixed(queue, driver_numbers_.data() + drivers_.camera);
         codes_numbers_.reserve(queue, 2 * static_cast<std::size_t>(codes_.size) + 2);
         state_.reserve(queue, 1);
-        sums_.reserve(queue, std::size_t(head_sums) + 6 + (parts_train_pose ? 6 : 0));
+        sums_.reserve(queue, std::size_t(detail::head_sums) + 6 + (parts_train_pose ? 6 : 0));
         if constexpr (has_effect<E, HeadShading>)
             shading_ = std::make_unique<DeviceHeadShading<Device>>(
                 device, queue, host_.shading,
-                ShadedCounts{face_.count(), host_.eyes.points_of(0), n});
+                detail::ShadedCounts{face_.count(), host_.eyes.points_of(0), n});
         device.fill(queue, sums_.data(), 0, sums_.bytes());
         face_.rest().place_into(queue, at(parameters_));
         static_cast<void>(face_.rest().finish(queue));
@@ -103,7 +107,7 @@ class DeviceTwoStream {
     /// `parameters` finds arrays; its numbers are old after a step.
     const Host& shapes() const { return host_; }
     /// Returns the places of the drivers' numbers in drivers().
-    const DriverPlaces<E>& driver_places() const { return drivers_; }
+    const detail::DriverPlaces<E>& driver_places() const { return drivers_; }
     /// Returns the place of every array; gradients and an optimiser's moments have the same layout.
     const ResidentLayout<Host>& layout() const { return layout_; }
     const Parameters& parameters() const { return parameters_; }
@@ -138,7 +142,7 @@ class DeviceTwoStream {
                               SeenBy<float> seen) const {
         if (!corrects_views()) seen = {};
         if constexpr (has_effect<E, Glint>)
-            if (host_.eyes.optics.lights() > 0) require_camera(drivers.camera);
+            if (host_.eyes.optics.lights() > 0) detail::require_camera(drivers.camera);
         require(seen.column < cameras(), "DeviceTwoStream", "column of delta_view is ",
                 seen.column, ", expected -1 to ", cameras() - 1);
         require(column >= -1 && column < frames(), "DeviceTwoStream", "column of delta_pose is ",
@@ -218,7 +222,7 @@ class DeviceTwoStream {
         return face_.rest().make_room(lengths);
     }
     /// Lengths of the last frame's lists on the device, and the room for them.
-    DeviceRooms rooms() const { return face_.rest().rooms(); }
+    detail::DeviceRooms rooms() const { return face_.rest().rooms(); }
 
     /// Points of the face that each driver that is on moves, in the order of for_face_fields.
     /// Waits.
@@ -229,10 +233,10 @@ class DeviceTwoStream {
     /// The driven Gaussians in the world: the face's columns first, then the eyes'.
     const DeviceGaussians<float>& cloud() const { return cloud_.view(); }
     DeviceGaussians<float> face_gaussians() const {
-        return columns_from(cloud(), {0, face_.count()});
+        return detail::columns_from(cloud(), {0, face_.count()});
     }
     DeviceGaussians<float> eye_gaussians() const {
-        return columns_from(cloud(), {face_.count(), eyes_.count()});
+        return detail::columns_from(cloud(), {face_.count(), eyes_.count()});
     }
     /// Where cotangents of the cloud go, which vjp_into consumes. Memory is taken at the first
     /// call.
@@ -253,7 +257,7 @@ class DeviceTwoStream {
         device_.fill(queue, g_codes, 0, static_cast<std::size_t>(codes_.size) * sizeof(float));
         float* g_parts = nullptr;
         if constexpr (parts_train_pose) {
-            g_parts = sums_.data() + head_sums + 6;
+            g_parts = sums_.data() + detail::head_sums + 6;
             device_.fill(queue, g_parts, 0, 6 * sizeof(float));
         }
         if constexpr (has_effect<E, HeadShading>)
@@ -261,10 +265,10 @@ class DeviceTwoStream {
         branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
             if (k == 0)
                 face_.vjp_into(q, of, to, {codes_numbers_.data(), g_codes, state_.data()},
-                               {face_gaussians(), columns_from(g, {0, n}), sums_.data()});
+                               {face_gaussians(), detail::columns_from(g, {0, n}), sums_.data()});
             else
                 eyes_.vjp_into(q, of, to, state_.data(),
-                               {eye_gaussians(), columns_from(g, {n, p}), g_parts});
+                               {eye_gaussians(), detail::columns_from(g, {n, p}), g_parts});
         });
         float* g_delta_gaze = nullptr;
         if constexpr (has_effect<E, Kappa>)
@@ -275,20 +279,20 @@ class DeviceTwoStream {
             if (corrects_views()) g_delta_view = to(host_.delta_view).data;
         if constexpr (has_effect<E, ReadsHeadPose>)
             device_.launch(queue, 1,
-                           FramePoseKernel<E>{drivers_,
-                                              codes_,
-                                              config_.pose_frequencies,
-                                              numbers(),
-                                              {sums_.data(),
-                                               {eyes_.sums(0), eyes_.sums(1)},
-                                               g_codes,
-                                               sums_.data() + head_sums,
-                                               to(host_.delta_pose).data,
-                                               g_delta_view,
-                                               g_parts}});
+                           detail::FramePoseKernel<E>{drivers_,
+                                                      codes_,
+                                                      config_.pose_frequencies,
+                                                      numbers(),
+                                                      {sums_.data(),
+                                                       {eyes_.sums(0), eyes_.sums(1)},
+                                                       g_codes,
+                                                       sums_.data() + detail::head_sums,
+                                                       to(host_.delta_pose).data,
+                                                       g_delta_view,
+                                                       g_parts}});
     }
     /// The cotangent of the pose after vjp_into: 6 numbers in device memory.
-    const float* g_pose() const { return sums_.data() + head_sums; }
+    const float* g_pose() const { return sums_.data() + detail::head_sums; }
 
     /// Memory of a cloud [bytes].
     std::size_t cloud_bytes() const { return cloud_.bytes(); }
@@ -303,13 +307,14 @@ class DeviceTwoStream {
 
   private:
     /// True if shading or features lead to the head pose's correction.
-    static constexpr bool parts_train_pose = has_effect<E, HeadShading> || eyes_train_pose<E>;
+    static constexpr bool parts_train_pose =
+        has_effect<E, HeadShading> || detail::eyes_train_pose<E>;
 
     static auto at(const Parameters& p) {
         return [&p](const Columns<float>& array) { return p.of(array); };
     }
-    DeviceFrameNumbers numbers() const {
-        DeviceFrameNumbers r{driver_numbers_.data(), codes_numbers_.data(), state_.data()};
+    detail::DeviceFrameNumbers numbers() const {
+        detail::DeviceFrameNumbers r{driver_numbers_.data(), codes_numbers_.data(), state_.data()};
         if constexpr (has_effect<E, ReadsHeadPose>)
             r.delta_pose = parameters_.of(host_.delta_pose).data;
         if constexpr (has_effect<E, HeadPose>)
@@ -321,12 +326,12 @@ class DeviceTwoStream {
         return r;
     }
     void code(const CudaQueue& queue) {
-        using Read = ReaderOf<Reads::expression | Reads::head_pose | Reads::gaze>;
+        using Read = detail::ReaderOf<Reads::expression | Reads::head_pose | Reads::gaze>;
         if constexpr (has_effect<E, Read>)
-            device_.launch(
-                queue, 1,
-                FrameCodesKernel<E>{drivers_, codes_, config_.expression, config_.pose_frequencies,
-                                    config_.gaze_frequencies, numbers()});
+            device_.launch(queue, 1,
+                           detail::FrameCodesKernel<E>{drivers_, codes_, config_.expression,
+                                                       config_.pose_frequencies,
+                                                       config_.gaze_frequencies, numbers()});
     }
     template <class Of>
     void drive_streams(const CudaQueue& queue, const Of& of, bool keep) {
@@ -347,16 +352,17 @@ class DeviceTwoStream {
     Host host_; ///< its shapes, and the addresses that arrays are found by
     ResidentLayout<Host> layout_;
     Parameters parameters_;
-    DriverPlaces<E> drivers_;
-    CodePlaces<E> codes_;
-    DeviceFieldScratch scratch_;
+    detail::DriverPlaces<E> drivers_;
+    detail::CodePlaces<E> codes_;
+    detail::DeviceFieldScratch scratch_;
     DeviceMlpScratch eye_scratch_;
     DeviceFaceStream<E, Device, Networks> face_;
     DeviceEyeStream<E, Device, Networks> eyes_;
-    [[no_unique_address]] Slot<E, HeadShading, std::unique_ptr<DeviceHeadShading<Device>>> shading_;
-    DeviceCloudBuffer cloud_, g_cloud_;
+    [[no_unique_address]] detail::Slot<E, HeadShading, std::unique_ptr<DeviceHeadShading<Device>>>
+        shading_;
+    detail::DeviceCloudBuffer cloud_, g_cloud_;
     DeviceBuffer<float> driver_numbers_, codes_numbers_; ///< codes, then their cotangents
-    DeviceBuffer<DeviceFrameState> state_;
+    DeviceBuffer<detail::DeviceFrameState> state_;
     DeviceBuffer<float> sums_; ///< over the face for the head; the pose's cotangent
 };
 

@@ -45,7 +45,7 @@ class DeviceBranches {
     template <class D>
     using BranchOf = typename D::Branch;
 
-    std::vector<std::unique_ptr<MemberType<Device, BranchOf>>> branch_;
+    std::vector<std::unique_ptr<detail::MemberType<Device, BranchOf>>> branch_;
 };
 
 } // namespace rye

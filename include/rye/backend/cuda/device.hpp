@@ -83,8 +83,8 @@ struct DeviceWarp {
         else
             return static_cast<std::uint32_t>(p[i]);
     }
-    __device__ static Array<F, 4> read4(const Quad4* p, U i) {
-        const Quad4 q = p[i];
+    __device__ static Array<F, 4> read4(const detail::Quad4* p, U i) {
+        const detail::Quad4 q = p[i];
         return {{q.x, q.y, q.z, q.w}};
     }
     template <class T, class V>
@@ -95,13 +95,13 @@ struct DeviceWarp {
     __device__ static void write_where(M m, T* p, U i, V v) {
         if (m) p[i] = static_cast<T>(v);
     }
-    __device__ static Array<F, 4> read4_where(M m, const Quad4* p, U i) {
-        Quad4 q{0, 0, 0, 0};
+    __device__ static Array<F, 4> read4_where(M m, const detail::Quad4* p, U i) {
+        detail::Quad4 q{0, 0, 0, 0};
         if (m) q = p[i];
         return {{q.x, q.y, q.z, q.w}};
     }
-    __device__ static void write4_where(M m, Quad4* p, U i, const Array<F, 4>& v) {
-        if (m) p[i] = Quad4{v[0], v[1], v[2], v[3]};
+    __device__ static void write4_where(M m, detail::Quad4* p, U i, const Array<F, 4>& v) {
+        if (m) p[i] = detail::Quad4{v[0], v[1], v[2], v[3]};
     }
     __device__ static void write_word(void* p, U i, U v) { static_cast<std::uint32_t*>(p)[i] = v; }
     __device__ static void write_word_where(M m, void* p, U i, U v) {
@@ -111,7 +111,8 @@ struct DeviceWarp {
     __device__ static U read_half(const std::uint64_t* p, U i) {
         return reinterpret_cast<const std::uint32_t*>(p)[2 * i + half];
     }
-    __device__ static void copy4_ahead(M m, Quad4* to, U i, const Quad4* from, U k) {
+    __device__ static void copy4_ahead(M m, detail::Quad4* to, U i, const detail::Quad4* from,
+                                       U k) {
 #if !defined(__CUDA_ARCH__) || __CUDA_ARCH__ >= 800
         if (m)
             asm volatile("cp.async.cg.shared.global [%0], [%1], 16;" ::"r"(
@@ -133,14 +134,15 @@ struct DeviceWarp {
         if (m) to[i] = from[k];
 #endif
     }
-    __device__ static void copy4_or_zero(M m, Quad4* to, U i, const Quad4* from, U k) {
+    __device__ static void copy4_or_zero(M m, detail::Quad4* to, U i, const detail::Quad4* from,
+                                         U k) {
 #if !defined(__CUDA_ARCH__) || __CUDA_ARCH__ >= 800
         asm volatile("cp.async.cg.shared.global [%0], [%1], 16, %2;" ::"r"(
                          static_cast<U>(__cvta_generic_to_shared(to + i))),
                      "l"(from + (m ? k : 0U)), "r"(m ? 16U : 0U)
                      : "memory");
 #else
-        to[i] = m ? from[k] : Quad4{0, 0, 0, 0};
+        to[i] = m ? from[k] : detail::Quad4{0, 0, 0, 0};
 #endif
     }
     __device__ static void end_copies() {
@@ -254,12 +256,16 @@ struct DeviceWarp {
     }
 };
 
+namespace detail {
+
 /// A thread's value from phase to phase: a register of its own.
 template <class T>
 struct OwnState {
     T value;
     __device__ T& operator[](int) { return value; }
 };
+
+} // namespace detail
 
 /// A block of the device.
 template <int threads_>
@@ -285,11 +291,11 @@ struct DeviceBlock {
         return r;
     }
     template <class T>
-    __device__ OwnState<T> of_threads() const {
+    __device__ detail::OwnState<T> of_threads() const {
         return {};
     }
     template <class T>
-    __device__ OwnState<T> of_warps() const {
+    __device__ detail::OwnState<T> of_warps() const {
         return {};
     }
     template <class F>

@@ -10,6 +10,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// f(i) for i in [0, count).
 template <class F>
 struct EachKernel {
@@ -28,12 +30,17 @@ struct EachKernel {
     }
 };
 
+} // namespace detail
+
 /// Puts f(i), for i in [0, count), on the stream: in any order, at once.
 template <class Device, class F>
 void launch_each(const Device& device, const CudaQueue& queue, Index count, const F& f) {
-    device.launch(queue, (count + EachKernel<F>::threads - 1) / EachKernel<F>::threads,
-                  EachKernel<F>{f, count});
+    device.launch(queue,
+                  (count + detail::EachKernel<F>::threads - 1) / detail::EachKernel<F>::threads,
+                  detail::EachKernel<F>{f, count});
 }
+
+namespace detail {
 
 /// Sums of F::sums numbers over blocks of indices: f(i, sum) adds those of index i. Threads add in
 /// pairs, so that rounding grows with the logarithm of their number.
@@ -122,6 +129,8 @@ struct WithoutSums {
     }
 };
 
+} // namespace detail
+
 /// Sums on a device, and the memory that they need meanwhile.
 template <class Device>
 class DeviceSums {
@@ -130,17 +139,18 @@ class DeviceSums {
 
     /// Puts f over [0, count) on the stream, and its sums: F::sums numbers, at most 32, or none.
     template <class F>
-    void launch(const CudaQueue& queue, Index count, const F& f, const SumsTo& to) {
-        static_assert(F::sums >= 0 && F::sums <= MergeSumsKernel::most);
+    void launch(const CudaQueue& queue, Index count, const F& f, const detail::SumsTo& to) {
+        static_assert(F::sums >= 0 && F::sums <= detail::MergeSumsKernel::most);
         if constexpr (F::sums == 0) {
-            launch_each(device_, queue, count, WithoutSums<F>{f});
+            launch_each(device_, queue, count, detail::WithoutSums<F>{f});
         } else {
-            using Kernel = SumsKernel<F>;
+            using Kernel = detail::SumsKernel<F>;
             const Index blocks = Kernel::blocks_of(count);
             partial_.reserve(queue, static_cast<std::size_t>(blocks) * F::sums + 1);
             device_.launch(queue, blocks, Kernel{f, count, partial_.data()});
-            device_.launch(queue, 1,
-                           MergeSumsKernel{partial_.data(), blocks, F::sums, to.again, to.numbers});
+            device_.launch(
+                queue, 1,
+                detail::MergeSumsKernel{partial_.data(), blocks, F::sums, to.again, to.numbers});
         }
     }
     std::size_t bytes() const { return partial_.bytes(); }
@@ -149,6 +159,8 @@ class DeviceSums {
     Device device_;
     DeviceBuffer<float> partial_;
 };
+
+namespace detail {
 
 /// to[i] = from[i], between arrays of the device.
 struct CopyNumbers {
@@ -165,5 +177,7 @@ struct AddNumbers {
     float* to;
     RYE_DEVICE void operator()(Index i) const { to[i] += from[i]; }
 };
+
+} // namespace detail
 
 } // namespace rye

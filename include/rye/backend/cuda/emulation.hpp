@@ -22,7 +22,7 @@
 namespace rye {
 
 /// A warp of the host: the functions of backend/cuda/device.hpp's.
-struct HostWarp : HostCopies {
+struct HostWarp : detail::HostCopies {
     using F = Lanes<float>;
     using U = Lanes<std::uint32_t>;
     using U64 = Lanes<std::uint64_t>;
@@ -104,7 +104,7 @@ struct HostWarp : HostCopies {
         return Lanes<V>::each([&](int l) { return static_cast<V>(p[i.x[l]]); });
     }
     /// Returns the numbers 4 i ... 4 i + 3.
-    static Array<F, 4> read4(const Quad4* p, const U& i) {
+    static Array<F, 4> read4(const detail::Quad4* p, const U& i) {
         return {{F::each([&](int l) { return p[i.x[l]].x; }),
                  F::each([&](int l) { return p[i.x[l]].y; }),
                  F::each([&](int l) { return p[i.x[l]].z; }),
@@ -120,16 +120,16 @@ struct HostWarp : HostCopies {
             if (m.x[l]) p[i.x[l]] = static_cast<T>(v.x[l]);
     }
     /// Returns the numbers 4 i ... 4 i + 3 where the mask holds; elsewhere 0.
-    static Array<F, 4> read4_where(const M& m, const Quad4* p, const U& i) {
+    static Array<F, 4> read4_where(const M& m, const detail::Quad4* p, const U& i) {
         const U at = select(m, i, U(0));
         Array<F, 4> r;
         for (int l = 0; l < 32; ++l) {
-            const Quad4 q = m.x[l] ? p[at.x[l]] : Quad4{0, 0, 0, 0};
+            const detail::Quad4 q = m.x[l] ? p[at.x[l]] : detail::Quad4{0, 0, 0, 0};
             r[0].x[l] = q.x, r[1].x[l] = q.y, r[2].x[l] = q.z, r[3].x[l] = q.w;
         }
         return r;
     }
-    static void write4_where(const M& m, Quad4* p, const U& i, const Array<F, 4>& v) {
+    static void write4_where(const M& m, detail::Quad4* p, const U& i, const Array<F, 4>& v) {
         for (int l = 0; l < 32; ++l)
             if (m.x[l]) p[i.x[l]] = {v[0].x[l], v[1].x[l], v[2].x[l], v[3].x[l]};
     }

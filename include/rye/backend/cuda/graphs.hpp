@@ -18,6 +18,8 @@ concept DeviceWithGraphs = requires {
     typename D::Graph;
 };
 
+namespace detail {
+
 /// Graphs of one device by their keys. Key: all arguments of the work that may change; Kind: those
 /// that determine its memory.
 template <class Device, class Kind, class Key>
@@ -55,5 +57,7 @@ class KeptGraphs {
     std::set<Kind> warm_;
     std::map<Key, MemberType<Device, GraphOf>> graphs_;
 };
+
+} // namespace detail
 
 } // namespace rye

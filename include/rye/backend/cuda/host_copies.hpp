@@ -10,7 +10,7 @@
 #include <rye/backend/cuda/unrolled.hpp>
 #include <rye/backend/cuda/warp_lanes.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// The copies of a block's warps, which run in turn.
 struct HostCopies {
@@ -63,4 +63,4 @@ struct HostCopies {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

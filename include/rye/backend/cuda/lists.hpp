@@ -11,6 +11,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Arrays of `size` numbers, at most as many as `most`, and the lists of their positive ones.
 struct DeviceListArrays {
     static constexpr int most = 4;
@@ -119,6 +121,8 @@ RYE_HD inline std::uint32_t place_in_list(const std::uint32_t* list, std::uint32
     return begin < count && list[begin] == index ? begin : count;
 }
 
+} // namespace detail
+
 /// Lists on a device, with the memory that they are in.
 template <class Device>
 class DeviceLists {
@@ -126,9 +130,11 @@ class DeviceLists {
     explicit DeviceLists(const Device& device) : device_(device) {}
 
     /// Makes the lists of `arrays` arrays of `size` numbers, on the stream.
-    void make(const CudaQueue& queue, const Array<const float*, DeviceListArrays::most>& number,
-              int arrays, Index size) {
-        const Index blocks = (size + ListCountKernel::threads - 1) / ListCountKernel::threads;
+    void make(const CudaQueue& queue,
+              const Array<const float*, detail::DeviceListArrays::most>& number, int arrays,
+              Index size) {
+        const Index blocks =
+            (size + detail::ListCountKernel::threads - 1) / detail::ListCountKernel::threads;
         lists_.reserve(queue,
                        static_cast<std::size_t>(arrays) * static_cast<std::size_t>(size) + 1);
         before_.reserve(queue, static_cast<std::size_t>(arrays * (blocks + 1)) + 1);
@@ -141,9 +147,9 @@ class DeviceLists {
             arrays_.number[k] = number[std::size_t(k)];
             arrays_.list[k] = lists_.data() + k * size;
         }
-        device_.launch(queue, blocks, ListCountKernel{arrays_});
-        device_.launch(queue, arrays, ListScanKernel{arrays_});
-        device_.launch(queue, blocks, ListPlaceKernel{arrays_});
+        device_.launch(queue, blocks, detail::ListCountKernel{arrays_});
+        device_.launch(queue, arrays, detail::ListScanKernel{arrays_});
+        device_.launch(queue, blocks, detail::ListPlaceKernel{arrays_});
     }
 
     /// Returns array k's list, or the place of its length, both in device memory.
@@ -158,7 +164,7 @@ class DeviceLists {
 
   private:
     Device device_;
-    DeviceListArrays arrays_{};
+    detail::DeviceListArrays arrays_{};
     DeviceBuffer<std::uint32_t> lists_, before_;
 };
 

@@ -3,12 +3,10 @@
 /// devices.
 #pragma once
 
-namespace rye {
+namespace rye::detail {
 
 /// Replaces a type that a device does not have.
 struct NoSuchType {};
-
-namespace detail {
 
 template <class D, template <class> class M>
 struct MemberTypeOf {
@@ -20,10 +18,8 @@ struct MemberTypeOf<D, M> {
     using type = M<D>;
 };
 
-} // namespace detail
-
 /// M<D>, which names a type of D, or NoSuchType where D has none of that name.
 template <class D, template <class> class M>
 using MemberType = typename detail::MemberTypeOf<D, M>::type;
 
-} // namespace rye
+} // namespace rye::detail

@@ -10,10 +10,14 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Returns a number of a picture in 0..1: a float as it is, a byte as a share of 255.
 RYE_HD inline float unit_value(float x) { return x; }
 /// Returns the same of a byte.
 RYE_HD inline float unit_value(std::uint8_t x) { return static_cast<float>(x) / 255.0F; }
+
+} // namespace detail
 
 /// A picture in device memory, channels x (width height), pixel (x, y) in column y width + x.
 /// P: const float, const std::uint8_t (shares of 255), or float for one that is written.
@@ -26,6 +30,8 @@ struct DevicePicture {
         requires(std::same_as<Q, const P> && !std::is_const_v<P>)
     operator DevicePicture<Q>() const { return {pixels, width, height}; }
 };
+
+namespace detail {
 
 /// Throws an Error unless a picture has that many channels of width x height pixels.
 template <class P>
@@ -40,5 +46,7 @@ void require_picture(const char* who, const char* what, const DevicePicture<P>& 
         who, what, " has ", [&] { return text(p.pixels.rows, p.width, p.height); }, " pixels in ",
         p.pixels.cols, " columns, expected ", [&] { return text(channels, width, height); });
 }
+
+} // namespace detail
 
 } // namespace rye

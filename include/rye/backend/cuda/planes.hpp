@@ -18,20 +18,22 @@ template <class W, int N>
 RYE_DEVICE void multiply(Array<typename W::F, 4>& d, const Planes<W, N, 4>& a,
                          const Planes<W, N, 2>& b) {
     if constexpr (N < 3) {
-        expanded<N>([&](auto i) { repeated<N - i>([&](auto k) { W::mma(d, a[i], b[k]); }); });
+        detail::expanded<N>(
+            [&](auto i) { repeated<N - i>([&](auto k) { W::mma(d, a[i], b[k]); }); });
     } else {
         // Units of matrices cut their sums off: a long chain of them would drift.
         using F = typename W::F;
         Array<F, 4> part{{F(0.0F), F(0.0F), F(0.0F), F(0.0F)}};
-        expanded<N>([&](auto i) { repeated<N - i>([&](auto k) { W::mma(part, a[i], b[k]); }); });
-        expanded<4>([&](auto k) { d[k] = d[k] + part[k]; });
+        detail::expanded<N>(
+            [&](auto i) { repeated<N - i>([&](auto k) { W::mma(part, a[i], b[k]); }); });
+        detail::expanded<4>([&](auto k) { d[k] = d[k] + part[k]; });
     }
 }
 
 /// Register r of a left operand's planes: numbers a and b of each lane.
 template <class W, int N>
 RYE_DEVICE void split(Planes<W, N, 4>& to, int r, typename W::F a, typename W::F b) {
-    expanded<N>([&](auto p) {
+    detail::expanded<N>([&](auto p) {
         to[p][r] = W::pack(a, b);
         if constexpr (p + 1 < N) {
             a = a - W::low(to[p][r]);
@@ -43,7 +45,7 @@ RYE_DEVICE void split(Planes<W, N, 4>& to, int r, typename W::F a, typename W::F
 /// Register r of a right operand's planes.
 template <class W, int N>
 RYE_DEVICE void split(Planes<W, N, 2>& to, int r, typename W::F a, typename W::F b) {
-    expanded<N>([&](auto p) {
+    detail::expanded<N>([&](auto p) {
         to[p][r] = W::pack(a, b);
         if constexpr (p + 1 < N) {
             a = a - W::low(to[p][r]);

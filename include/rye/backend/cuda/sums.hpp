@@ -4,7 +4,7 @@
 
 #include <rye/core/config.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Adds the sums of a block's threads by halves; the result is in sum[0] afterwards.
 template <class Block, class T>
@@ -15,4 +15,4 @@ RYE_DEVICE void add_up(Block& block, T* sum) {
         });
 }
 
-} // namespace rye
+} // namespace rye::detail

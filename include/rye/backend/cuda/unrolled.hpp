@@ -31,28 +31,32 @@ template <class F, int... I>
 }
 #endif
 
-} // namespace detail
-
 /// Calls f(0) ... f(n - 1), each with its number as a type.
 template <int n, class F>
 RYE_DEVICE inline void expanded(F&& f) {
     detail::unroll(f, std::make_integer_sequence<int, n>());
 }
 
+} // namespace detail
+
 /// Calls f(0) ... f(n - 1). On a device as `expanded`; on the host a loop, so that f, whose
 /// argument is then an int, is compiled once.
 template <int n, class F>
 RYE_DEVICE inline void repeated(F&& f) {
 #if defined(__CUDACC__)
-    expanded<n>(f);
+    detail::expanded<n>(f);
 #else
     for (int i = 0; i < n; ++i) f(i);
 #endif
 }
 
+namespace detail {
+
 /// Four numbers that are read and written at once.
 struct alignas(16) Quad4 {
     float x, y, z, w;
 };
+
+} // namespace detail
 
 } // namespace rye

@@ -98,9 +98,13 @@ Lanes<T> select(const Lanes<bool>& c, const Lanes<T>& a, const Lanes<T>& b) {
     return Lanes<T>::each([&](int l) { return c.x[l] ? a.x[l] : b.x[l]; });
 }
 
+namespace detail {
+
 template <class T>
 struct RealOf<Lanes<T>> {
     using type = T;
 };
+
+} // namespace detail
 
 } // namespace rye

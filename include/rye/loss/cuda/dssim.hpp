@@ -14,6 +14,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Tiles of a picture, each with a margin of the window's reach.
 struct DssimTiles {
     static constexpr int width = 32, height = 16, threads = 256;
@@ -191,6 +193,8 @@ struct DssimPullKernel {
     }
 };
 
+} // namespace detail
+
 /// D-SSIM loss of pictures in device memory, with the maps between its kernels.
 template <class Device>
 class DeviceDssim {
@@ -203,22 +207,22 @@ class DeviceDssim {
     DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& a,
                         const DevicePicture<const P>& b, double weight,
                         const DevicePicture<float>& g) {
-        require_picture("dssim", "second picture", b, a.pixels.rows, a.width, a.height);
-        require_picture("dssim", "gradient", g, a.pixels.rows, a.width, a.height);
+        detail::require_picture("dssim", "second picture", b, a.pixels.rows, a.width, a.height);
+        detail::require_picture("dssim", "gradient", g, a.pixels.rows, a.width, a.height);
         const Index size = a.pixels.size();
-        const DssimTiles tiles(a.width, a.height, static_cast<int>(a.pixels.rows));
+        const detail::DssimTiles tiles(a.width, a.height, static_cast<int>(a.pixels.rows));
         maps_.reserve(queue, 3 * static_cast<std::size_t>(size) + 1);
         float *const by_x = maps_.data(), *const by_xx = by_x + size, *const by_xy = by_xx + size;
         const double share = -1.0 / static_cast<double>(std::max<Index>(size, 1));
         double* const partial = sums_.reserve(queue, tiles.blocks_of());
         device_.launch(
             queue, tiles.blocks_of(),
-            DssimSlopesKernel<P>{tiles, a.pixels.data, b.pixels.data, static_cast<float>(share),
-                                 by_x, by_xx, by_xy, partial});
-        device_.launch(
-            queue, tiles.blocks_of(),
-            DssimPullKernel<P>{tiles, a.pixels.data, b.pixels.data, static_cast<float>(weight),
-                               by_x, by_xx, by_xy, g.pixels.data});
+            detail::DssimSlopesKernel<P>{tiles, a.pixels.data, b.pixels.data,
+                                         static_cast<float>(share), by_x, by_xx, by_xy, partial});
+        device_.launch(queue, tiles.blocks_of(),
+                       detail::DssimPullKernel<P>{tiles, a.pixels.data, b.pixels.data,
+                                                  static_cast<float>(weight), by_x, by_xx, by_xy,
+                                                  g.pixels.data});
         return {partial, tiles.blocks_of(), share, 1.0, weight};
     }
     /// Returns the memory held [bytes].
@@ -227,7 +231,7 @@ class DeviceDssim {
   private:
     Device device_;
     DeviceBuffer<float> maps_;
-    LossSums sums_;
+    detail::LossSums sums_;
 };
 
 } // namespace rye

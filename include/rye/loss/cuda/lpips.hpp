@@ -25,6 +25,8 @@ struct DeviceCrop {
     const std::int32_t* at = nullptr; ///< null for (0, 0); inside the picture
 };
 
+namespace detail {
+
 /// Colours of a crop in the range of the network's training. P: float or bytes.
 template <class P>
 struct LpipsPixels {
@@ -183,6 +185,8 @@ struct LpipsAddKernel {
     }
 };
 
+} // namespace detail
+
 /// Features of a truth's crop, scaled to unit length.
 struct DeviceLpipsTruth {
     DeviceCrop crop{};
@@ -226,7 +230,7 @@ class DeviceLpips {
         for (std::size_t s = 0; s < vgg_slices; ++s) {
             const auto feature = net_.feature(trace_, static_cast<int>(s)).pixels;
             to.slice[s].reserve(queue, static_cast<std::size_t>(feature.size()));
-            const LpipsTruthKernel kernel{{}, feature, to.slice[s].data()};
+            const detail::LpipsTruthKernel kernel{{}, feature, to.slice[s].data()};
             device_.launch(queue, kernel.blocks_of(), kernel);
         }
     }
@@ -237,7 +241,7 @@ class DeviceLpips {
                         const DeviceLpipsTruth& truth, double weight,
                         const DevicePicture<float>& g) {
         require(truth.crop.width > 0, "DeviceLpips", "the truth was not set");
-        require_picture("DeviceLpips", "gradient", g, 3, picture.width, picture.height);
+        detail::require_picture("DeviceLpips", "gradient", g, 3, picture.width, picture.height);
         look(queue, picture, truth.crop);
         Index chunks = 0;
         std::array<Index, vgg_slices> first{};
@@ -250,16 +254,16 @@ class DeviceLpips {
                                  static_cast<std::size_t>(truth.crop.height));
         const auto add = [&](int s, float* to, bool again) {
             const auto i = static_cast<std::size_t>(s);
-            LpipsSliceKernel kernel = slice(truth, i);
+            detail::LpipsSliceKernel kernel = slice(truth, i);
             kernel.partial = partial + first[i];
             kernel.g = to;
             kernel.add = again;
             device_.launch(queue, kernel.blocks_of(), kernel);
         };
         net_.vjp_input_into(queue, trace_, add, g_in_.data());
-        LpipsAddKernel back{g_in_.data(), truth.crop, picture.width, {}, g.pixels.data};
+        detail::LpipsAddKernel back{g_in_.data(), truth.crop, picture.width, {}, g.pixels.data};
         for (std::size_t c = 0; c < 3; ++c)
-            back.slope[c] = static_cast<float>(weight * 2.0 / lpips_scale[c]);
+            back.slope[c] = static_cast<float>(weight * 2.0 / detail::lpips_scale[c]);
         device_.launch(queue, back.blocks_of(), back);
         return {partial, chunks, 1.0, 0.0, weight};
     }
@@ -268,7 +272,7 @@ class DeviceLpips {
     template <class P>
     double value(const CudaQueue& queue, const DevicePicture<const float>& picture,
                  const DevicePicture<const P>& truth) {
-        require_picture("DeviceLpips", "truth", truth, 3, picture.width, picture.height);
+        detail::require_picture("DeviceLpips", "truth", truth, 3, picture.width, picture.height);
         truth_into(queue, truth, {truth.width, truth.height}, own_);
         look(queue, picture, own_.crop);
         Index chunks = 0;
@@ -276,7 +280,7 @@ class DeviceLpips {
         double* const partial = sums_.reserve(queue, chunks);
         Index first = 0;
         for (std::size_t s = 0; s < vgg_slices; ++s) {
-            LpipsSliceKernel kernel = slice(own_, s);
+            detail::LpipsSliceKernel kernel = slice(own_, s);
             kernel.partial = partial + first;
             first += kernel.blocks_of();
             device_.launch(queue, kernel.blocks_of(), kernel);
@@ -308,7 +312,7 @@ class DeviceLpips {
     }
 
   private:
-    LpipsSliceKernel slice(const DeviceLpipsTruth& truth, std::size_t s) const {
+    detail::LpipsSliceKernel slice(const DeviceLpipsTruth& truth, std::size_t s) const {
         const auto feature = net_.feature(trace_, static_cast<int>(s)).pixels;
         const double share = 1.0 / static_cast<double>(feature.cols);
         return {{},      feature, truth.slice[s].data(), linear_[s].data(), float(share), nullptr,
@@ -317,14 +321,16 @@ class DeviceLpips {
     template <class P>
     void look(const CudaQueue& queue, const DevicePicture<const P>& picture,
               const DeviceCrop& where) {
-        require_picture("DeviceLpips", "picture", picture, 3, picture.width, picture.height);
+        detail::require_picture("DeviceLpips", "picture", picture, 3, picture.width,
+                                picture.height);
         require(where.width <= picture.width && where.height <= picture.height, "DeviceLpips",
                 "crop of ", where.width, " x ", where.height, " from a picture of ", picture.width,
                 " x ", picture.height);
-        LpipsPixels<P> source{picture.pixels.data, picture.width, where.at, {}, {}};
+        detail::LpipsPixels<P> source{picture.pixels.data, picture.width, where.at, {}, {}};
         for (std::size_t c = 0; c < 3; ++c) {
-            source.gain[c] = static_cast<float>(2.0 / lpips_scale[c]);
-            source.offset[c] = static_cast<float>((-1.0 - lpips_shift[c]) / lpips_scale[c]);
+            source.gain[c] = static_cast<float>(2.0 / detail::lpips_scale[c]);
+            source.offset[c] =
+                static_cast<float>((-1.0 - detail::lpips_shift[c]) / detail::lpips_scale[c]);
         }
         net_.forward_into(queue, source, where.width, where.height, trace_);
     }
@@ -335,7 +341,7 @@ class DeviceLpips {
     DeviceLpipsTruth own_;
     std::array<DeviceBuffer<float>, vgg_slices> linear_;
     DeviceBuffer<float> g_in_;
-    LossSums sums_;
+    detail::LossSums sums_;
 };
 
 } // namespace rye

@@ -16,8 +16,11 @@ template <class P>
 struct PictureDifference {
     const float* a;
     const P* b;
-    RYE_HD float at(Index i) const { return a[i] - unit_value(b[i]); }
+    RYE_HD float at(Index i) const { return a[i] - detail::unit_value(b[i]); }
 };
+
+namespace detail {
+
 /// Stored level.
 struct KeptLevel {
     const float* d;
@@ -116,6 +119,8 @@ struct PyramidKernel {
     }
 };
 
+} // namespace detail
+
 /// Pyramid loss of pictures in device memory, with its levels.
 template <class Device>
 class DevicePyramidLoss {
@@ -130,22 +135,23 @@ class DevicePyramidLoss {
     DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& a,
                         const DevicePicture<const P>& b, double weight,
                         const DevicePicture<float>& g) {
-        require_picture("PyramidGradientLoss", "second picture", b, a.pixels.rows, a.width,
-                        a.height);
-        require_picture("PyramidGradientLoss", "gradient", g, a.pixels.rows, a.width, a.height);
-        const PyramidLevel first{a.width, a.height, static_cast<int>(a.pixels.rows)};
-        const PyramidLevel second = first.next(), third = second.next();
+        detail::require_picture("PyramidGradientLoss", "second picture", b, a.pixels.rows, a.width,
+                                a.height);
+        detail::require_picture("PyramidGradientLoss", "gradient", g, a.pixels.rows, a.width,
+                                a.height);
+        const detail::PyramidLevel first{a.width, a.height, static_cast<int>(a.pixels.rows)};
+        const detail::PyramidLevel second = first.next(), third = second.next();
         levels_.reserve(queue, 2 * static_cast<std::size_t>(second.size() + third.size()) + 1);
         float *const d1 = levels_.data(), *const g1 = d1 + second.size(),
                      *const d2 = g1 + second.size(), *const g2 = d2 + third.size();
         using Top = PictureDifference<P>;
         const Top top{a.pixels.data, b.pixels.data};
-        const HalveKernel<Top> half{first, second, top, d1};
+        const detail::HalveKernel<Top> half{first, second, top, d1};
         device_.launch(queue, half.blocks_of(), half);
-        const HalveKernel<KeptLevel> quarter{second, third, {d1}, d2};
+        const detail::HalveKernel<detail::KeptLevel> quarter{second, third, {d1}, d2};
         device_.launch(queue, quarter.blocks_of(), quarter);
-        auto coarsest = level(third, KeptLevel{d2}, 2, g2);
-        auto middle = level(second, KeptLevel{d1}, 1, g1);
+        auto coarsest = level(third, detail::KeptLevel{d2}, 2, g2);
+        auto middle = level(second, detail::KeptLevel{d1}, 1, g1);
         auto finest = level(first, top, 0, g.pixels.data);
         middle.coarse = g2;
         finest.coarse = g1;
@@ -165,8 +171,8 @@ class DevicePyramidLoss {
 
   private:
     template <class Source>
-    PyramidKernel<Source> level(const PyramidLevel& l, const Source& d, std::size_t index,
-                                float* g) const {
+    detail::PyramidKernel<Source> level(const detail::PyramidLevel& l, const Source& d,
+                                        std::size_t index, float* g) const {
         const auto share = [&](Index n) {
             return static_cast<float>(n > 0 ? loss_.weight[index] / static_cast<double>(n) : 0.0);
         };
@@ -178,7 +184,7 @@ class DevicePyramidLoss {
     Device device_;
     PyramidGradientLoss loss_;
     DeviceBuffer<float> levels_;
-    LossSums sums_;
+    detail::LossSums sums_;
 };
 
 } // namespace rye

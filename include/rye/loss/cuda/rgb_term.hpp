@@ -11,18 +11,24 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Target colour of a pixel and its weight. The colour is not read if `mask` is 0.
 struct RgbTarget {
     float mask;
     Array<float, 3> colour;
 };
 
+} // namespace detail
+
 /// A target that kernels read: at(pixel), or mask(pixel) alone.
 template <class G>
 concept RgbTargetSource = requires(const G& target, Index pixel) {
-    { target.at(pixel) } -> std::same_as<RgbTarget>;
+    { target.at(pixel) } -> std::same_as<detail::RgbTarget>;
     { target.mask(pixel) } -> std::same_as<float>;
 };
+
+namespace detail {
 
 /// Target of a picture (three channels) with a mask; null means 1 everywhere.
 template <class P>
@@ -37,7 +43,12 @@ struct PictureTarget {
                   unit_value(picture[3 * i + 2])}}};
     }
 };
-static_assert(RgbTargetSource<PictureTarget<float>>);
+
+} // namespace detail
+
+static_assert(RgbTargetSource<detail::PictureTarget<float>>);
+
+namespace detail {
 
 /// Number of pixels per partial sum.
 inline constexpr Index rgb_chunk = 256;
@@ -89,6 +100,8 @@ struct RgbTermKernel {
     }
 };
 
+} // namespace detail
+
 /// Term mean |mask (picture - target)| over all pixels and the first three channels. `into` adds
 /// `weight` times its cotangent to g's first three rows; throws an Error for fewer channels or
 /// another shape of g.
@@ -103,19 +116,19 @@ class DeviceRgbTerm {
         require(picture.rows >= 3 && g.rows == picture.rows && g.cols == picture.cols, "rgb term",
                 "picture is ", picture.rows, " x ", picture.cols, ", its gradient ", g.rows, " x ",
                 g.cols, ", expected one shape of at least 3 rows");
-        const Index chunks = rgb_chunks(picture.cols);
+        const Index chunks = detail::rgb_chunks(picture.cols);
         double* const partial = sums_.reserve(queue, chunks);
         const double share = 1.0 / static_cast<double>(std::max<Index>(3 * picture.cols, 1));
         device_.launch(queue, chunks,
-                       RgbTermKernel<G>{picture, target, weight, static_cast<float>(share), g.data,
-                                        partial});
+                       detail::RgbTermKernel<G>{picture, target, weight, static_cast<float>(share),
+                                                g.data, partial});
         return {partial, chunks, share, 0.0, weight};
     }
     std::size_t bytes() const { return sums_.bytes(); }
 
   private:
     Device device_;
-    LossSums sums_;
+    detail::LossSums sums_;
 };
 
 } // namespace rye

@@ -12,6 +12,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Kernel of the value and cotangent of a chunk of numbers.
 struct SmoothnessKernel {
     static constexpr const char* name = "smoothness";
@@ -58,6 +60,8 @@ struct SmoothnessKernel {
     }
 };
 
+} // namespace detail
+
 /// Smoothness prior with its graph in device memory.
 template <class Device>
 class DeviceSmoothness {
@@ -65,7 +69,7 @@ class DeviceSmoothness {
     explicit DeviceSmoothness(const Device& device) : device_(device) {}
 
     /// Copies a graph to the device; waits. Throws an Error for an index out of range.
-    void set(const CudaQueue& queue, const NeighbourGraph& graph) {
+    void set(const CudaQueue& queue, const detail::NeighbourGraph& graph) {
         const std::size_t n = graph.size();
         require(std::uint64_t(n) * 5 < std::uint64_t(std::numeric_limits<std::int32_t>::max()),
                 "smoothness", "the graph has ", n, " points, 2^31 / 5 is the most");
@@ -80,7 +84,7 @@ class DeviceSmoothness {
                 neighbour[4 * i + k] = static_cast<std::int32_t>(to);
             }
         std::int32_t* end = namer;
-        const std::vector<std::vector<Index>> of = neighbour_of(graph);
+        const std::vector<std::vector<Index>> of = detail::neighbour_of(graph);
         for (std::size_t i = 0; i < n; ++i) {
             for (const Index from : of[i]) *end++ = static_cast<std::int32_t>(from);
             begin[i + 1] = static_cast<std::int32_t>(end - namer);
@@ -99,14 +103,14 @@ class DeviceSmoothness {
                 g.rows, " x ", g.cols, ", expected ", values.rows, " x ", values.cols);
         const double share = 1.0 / static_cast<double>(std::max<Index>(values.size(), 1));
         const std::int32_t *const neighbour = words_.data(), *const begin = neighbour + 4 * points_;
-        SmoothnessKernel kernel{values,
-                                neighbour,
-                                begin,
-                                begin + points_ + 1,
-                                static_cast<float>(share),
-                                static_cast<float>(weight),
-                                g.data,
-                                nullptr};
+        detail::SmoothnessKernel kernel{values,
+                                        neighbour,
+                                        begin,
+                                        begin + points_ + 1,
+                                        static_cast<float>(share),
+                                        static_cast<float>(weight),
+                                        g.data,
+                                        nullptr};
         kernel.partial = sums_.reserve(queue, kernel.blocks_of());
         device_.launch(queue, kernel.blocks_of(), kernel);
         return {kernel.partial, kernel.blocks_of(), share, 0.0, weight};
@@ -117,7 +121,7 @@ class DeviceSmoothness {
     Device device_;
     DeviceBuffer<std::int32_t> words_;
     Index points_ = 0;
-    LossSums sums_;
+    detail::LossSums sums_;
 };
 
 } // namespace rye

@@ -22,6 +22,8 @@ struct DeviceLossTerm {
     double weight = 0; ///< in the objective
 };
 
+namespace detail {
+
 /// Memory of one term's partial sums.
 class LossSums {
   public:
@@ -35,6 +37,8 @@ class LossSums {
     DeviceBuffer<double> partial_;
 };
 
+} // namespace detail
+
 /// Values of up to 12 terms and their weighted total.
 struct LossReport {
     static constexpr int most = 12;
@@ -44,6 +48,8 @@ struct LossReport {
 
     bool finite() const { return bad < 0; }
 };
+
+namespace detail {
 
 /// Kernel that adds up the terms' partial sums in a fixed order.
 struct LossReportKernel {
@@ -90,6 +96,8 @@ struct LossReportKernel {
     }
 };
 
+} // namespace detail
+
 /// Report of an objective in device memory.
 template <class Device>
 class DeviceLossReport {
@@ -101,7 +109,7 @@ class DeviceLossReport {
         require(terms.size() <= std::size_t(LossReport::most), "DeviceLossReport", "got ",
                 terms.size(), " terms, ", LossReport::most, " are the most");
         report_.reserve(queue, 1);
-        LossReportKernel kernel{{}, static_cast<int>(terms.size()), report_.data()};
+        detail::LossReportKernel kernel{{}, static_cast<int>(terms.size()), report_.data()};
         for (std::size_t k = 0; k < terms.size(); ++k) kernel.term[k] = terms[k];
         device_.launch(queue, 1, kernel);
     }

@@ -15,6 +15,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Adam's state of a field.
 struct DeviceAdamField {
     double rate;        ///< 0: it keeps its values and moments, and its gradient is not read
@@ -30,6 +32,9 @@ struct DeviceAdamRange {
     Index begin;
     int count, field;
 };
+
+} // namespace detail
+
 /// Counts of steps and of what stopped the last one, in device memory.
 struct DeviceAdamState {
     std::uint32_t bad;      ///< the first field whose gradient is not finite, or none_bad
@@ -38,6 +43,8 @@ struct DeviceAdamState {
     static constexpr std::uint32_t none_bad = 0xFFFFFFFF;
     static constexpr std::uint32_t stopped = 1; ///< `bad` of a step that a control has stopped
 };
+
+namespace detail {
 
 /// Inputs of a step beside its gradient, in device memory.
 struct DeviceAdamControl {
@@ -164,6 +171,8 @@ struct AdamStepKernel {
     }
 };
 
+} // namespace detail
+
 /// The optimiser: moments and step numbers in device memory.
 template <class P, class Device>
 class DeviceAdam {
@@ -175,21 +184,22 @@ class DeviceAdam {
           device_(device),
           config_(config) {
         RYE_ASSERT(float(config.eps) > 0.0F, "DeviceAdam: eps is 0 in float");
-        std::vector<DeviceAdamRange> ranges;
+        std::vector<detail::DeviceAdamRange> ranges;
         int field = 0;
         for (const auto& s : layout.slices()) {
-            for (Index b = 0; b < s.size(); b += adam_range)
-                ranges.push_back({s.offset + b,
-                                  static_cast<int>(std::min<Index>(adam_range, s.size() - b)),
-                                  field});
+            for (Index b = 0; b < s.size(); b += detail::adam_range)
+                ranges.push_back(
+                    {s.offset + b,
+                     static_cast<int>(std::min<Index>(detail::adam_range, s.size() - b)), field});
             ++field;
         }
-        fields_.assign(layout.slices().size(), DeviceAdamField{0, 0, 0, 0, 0});
+        fields_.assign(layout.slices().size(), detail::DeviceAdamField{0, 0, 0, 0, 0});
         range_.reserve(queue, ranges.size() + 1);
         field_.reserve(queue, fields_.size() + 1);
         state_.reserve(queue, 1);
         ranges_ = static_cast<Index>(ranges.size());
-        device.send(queue, range_.data(), ranges.data(), ranges.size() * sizeof(DeviceAdamRange));
+        device.send(queue, range_.data(), ranges.data(),
+                    ranges.size() * sizeof(detail::DeviceAdamRange));
         device.fill(queue, state_.data(), 0, sizeof(DeviceAdamState));
     }
 
@@ -199,7 +209,7 @@ class DeviceAdam {
     void set_rates(const CudaQueue& queue, const Rate& rate) {
         if (sent_)
             device_.fetch(queue, fields_.data(), field_.data(),
-                          fields_.size() * sizeof(DeviceAdamField));
+                          fields_.size() * sizeof(detail::DeviceAdamField));
         for (std::size_t i = 0; i < fields_.size(); ++i) {
             const std::string& name = m.layout().slices()[i].name;
             fields_[i].rate = rate(name);
@@ -207,32 +217,33 @@ class DeviceAdam {
                 fields_[i].first = rate.first_step(name);
         }
         device_.send(queue, field_.data(), fields_.data(),
-                     fields_.size() * sizeof(DeviceAdamField));
+                     fields_.size() * sizeof(detail::DeviceAdamField));
         sent_ = true;
     }
 
     /// Puts a step on the stream. `control`: in device memory, or null.
     void step_into(const CudaQueue& queue, const Resident<P, Device>& parameters,
                    const Resident<P, Device>& gradient,
-                   const DeviceAdamControl* control = nullptr) {
+                   const detail::DeviceAdamControl* control = nullptr) {
         RYE_ASSERT(&gradient.layout() == &m.layout(), "DeviceAdam: gradient of another layout");
         step_into(queue, parameters, gradient.data(), control);
     }
     /// Does the same by the numbers of a gradient of the same layout.
     void step_into(const CudaQueue& queue, const Resident<P, Device>& parameters,
-                   const float* gradient, const DeviceAdamControl* control = nullptr) {
+                   const float* gradient, const detail::DeviceAdamControl* control = nullptr) {
         RYE_ASSERT(sent_, "DeviceAdam: rates were not set");
         RYE_ASSERT(&parameters.layout() == &m.layout(), "DeviceAdam: parameters of another layout");
         device_.fill(queue, state_.data(), 0, sizeof(std::uint32_t)); // `bad`
         device_.launch(
             queue, ranges_,
-            AdamCheckKernel{field_.data(), range_.data(), gradient, state_.data()});
-        device_.launch(queue, 1,
-                       AdamScheduleKernel{config_, field_.data(), static_cast<int>(fields_.size()),
-                                          state_.data(), control});
+            detail::AdamCheckKernel{field_.data(), range_.data(), gradient, state_.data()});
+        device_.launch(
+            queue, 1,
+            detail::AdamScheduleKernel{config_, field_.data(), static_cast<int>(fields_.size()),
+                                       state_.data(), control});
         device_.launch(queue, ranges_,
-                       AdamStepKernel{config_, field_.data(), range_.data(), state_.data(),
-                                      gradient, parameters.data(), m.data(), v.data()});
+                       detail::AdamStepKernel{config_, field_.data(), range_.data(), state_.data(),
+                                              gradient, parameters.data(), m.data(), v.data()});
     }
 
     /// Returns the report of the last step. Waits.
@@ -250,12 +261,12 @@ class DeviceAdam {
         DeviceAdamState s{};
         device_.fetch(queue, &s, state_.data(), sizeof s);
         to.step = s.steps;
-        std::vector<DeviceAdamField> fields = fields_;
+        std::vector<detail::DeviceAdamField> fields = fields_;
         if (sent_)
             device_.fetch(queue, fields.data(), field_.data(),
-                          fields.size() * sizeof(DeviceAdamField));
+                          fields.size() * sizeof(detail::DeviceAdamField));
         to.field_steps.clear();
-        for (const DeviceAdamField& f : fields) to.field_steps.push_back(f.steps);
+        for (const detail::DeviceAdamField& f : fields) to.field_steps.push_back(f.steps);
         to.config = config_;
     }
     /// Goes on from the host's optimiser. Waits.
@@ -268,7 +279,7 @@ class DeviceAdam {
         const DeviceAdamState s{0, DeviceAdamState::none_bad, from.step};
         device_.send(queue, state_.data(), &s, sizeof s);
         device_.send(queue, field_.data(), fields_.data(),
-                     fields_.size() * sizeof(DeviceAdamField));
+                     fields_.size() * sizeof(detail::DeviceAdamField));
         sent_ = true;
     }
 
@@ -284,9 +295,9 @@ class DeviceAdam {
   private:
     Device device_;
     AdamConfig config_;
-    std::vector<DeviceAdamField> fields_;
-    DeviceBuffer<DeviceAdamRange> range_;
-    DeviceBuffer<DeviceAdamField> field_;
+    std::vector<detail::DeviceAdamField> fields_;
+    DeviceBuffer<detail::DeviceAdamRange> range_;
+    DeviceBuffer<detail::DeviceAdamField> field_;
     DeviceBuffer<DeviceAdamState> state_;
     Index ranges_ = 0;
     bool sent_ = false;

@@ -27,7 +27,7 @@ void image_planes_into(const Device& device, const CudaQueue& queue, const Sourc
         static_cast<std::uint64_t>(to.height) * static_cast<std::uint64_t>(to.padded() / 8);
     require(eights < std::uint64_t(1) << 32U, "image planes", "image of ", to.width, " x ",
             to.height, " x ", to.channels, " is too large, 2^35 numbers are the most");
-    const ImagePlanesKernel<N, Source> kernel{source, to};
+    const detail::ImagePlanesKernel<N, Source> kernel{source, to};
     device.launch(queue, kernel.blocks_of(), kernel);
 }
 
@@ -51,13 +51,13 @@ class DeviceConvolution {
 
     /// Takes weights, outputs x 9 inputs. Throws an Error for another shape.
     void set(const CudaQueue& queue, const DeviceColumns<const float>& weight) {
-        ConvolutionPackKernel kernel;
+        detail::ConvolutionPackKernel kernel;
         take(queue, weight, kernel);
         device_.launch(queue, kernel.blocks_of(), kernel);
     }
     /// The same, as two jobs of a kernel that is launched later.
     void take(const CudaQueue& queue, const DeviceColumns<const float>& weight,
-              ConvolutionPackKernel& to) {
+              detail::ConvolutionPackKernel& to) {
         require(weight.rows == outputs_ && weight.cols == Index(9) * inputs_, "DeviceConvolution",
                 "weights are ", weight.rows, " x ", weight.cols, ", expected ", outputs_, " x ",
                 9 * inputs_);
@@ -79,11 +79,12 @@ class DeviceConvolution {
     /// The same without a bias, and moments of the channels of the result, over strips of its
     /// pixels; returns how many strips.
     Index forward_into(const CudaQueue& queue, const DeviceImagePlanes& in, float* out,
-                       DeviceBuffer<StripMoments>& moments) const {
+                       DeviceBuffer<detail::StripMoments>& moments) const {
         channels("image", in.channels, inputs_);
         Index count = 0;
         with_tiles(outputs_, [&](auto tiles) {
-            count = ConvolutionKernel<decltype(tiles)>{in, nullptr, {outputs_, out}}.strips();
+            count =
+                detail::ConvolutionKernel<decltype(tiles)>{in, nullptr, {outputs_, out}}.strips();
         });
         moments.reserve(queue, static_cast<std::size_t>(count * outputs_) + 1);
         multiply(queue, in, forward_.data(), {outputs_, out, nullptr, moments.data()});
@@ -106,11 +107,11 @@ class DeviceConvolution {
         const ConvolutionSlices cut{in.width, in.height, inputs_, outputs_, N, weight_blocks};
         partial.reserve(queue, cut.numbers());
         with_blocks(cut, [&](auto high, auto wide) {
-            const ConvolutionWeightKernel<N, decltype(high)::value, decltype(wide)::value> kernel{
-                cut, in, g, partial.data()};
+            const detail::ConvolutionWeightKernel<N, decltype(high)::value, decltype(wide)::value>
+                kernel{cut, in, g, partial.data()};
             device_.launch(queue, kernel.blocks_of(), kernel);
         });
-        const ConvolutionMergeKernel merge{cut, partial.data(), g_weight};
+        const detail::ConvolutionMergeKernel merge{cut, partial.data(), g_weight};
         device_.launch(queue, merge.blocks_of(), merge);
     }
     /// Memory that is held [bytes].
@@ -121,11 +122,11 @@ class DeviceConvolution {
     template <class F>
     static void with_tiles(int outputs, const F& f) {
         if constexpr (N == 3)
-            f(ConvolutionTiles<3, 32, 2, 4, 2>());
+            f(detail::ConvolutionTiles<3, 32, 2, 4, 2>());
         else if (outputs <= 32)
-            f(ConvolutionTiles < N, 32, N == 1 ? 8 : 4, 4, N > ());
+            f(detail::ConvolutionTiles < N, 32, N == 1 ? 8 : 4, 4, N > ());
         else
-            f(ConvolutionTiles < N, 64, N == 1 ? 8 : 4, 2 * N, 2 > ());
+            f(detail::ConvolutionTiles < N, 64, N == 1 ? 8 : 4, 2 * N, 2 > ());
     }
 
     /// f of the outputs and the inputs of a block of the weights' gradient.
@@ -141,21 +142,21 @@ class DeviceConvolution {
         with_inputs(Constant<32>{});
     }
 
-    ConvolutionPackJob job(const CudaQueue& queue, ConvolutionPackJob job,
-                           DeviceBuffer<std::uint32_t>& to) const {
+    detail::ConvolutionPackJob job(const CudaQueue& queue, detail::ConvolutionPackJob job,
+                                   DeviceBuffer<std::uint32_t>& to) const {
         with_tiles(job.n_count, [&](auto tiles) { job.outputs = decltype(tiles)::outputs; });
         to.reserve(queue, static_cast<std::size_t>(job.words()) * N);
         job.to = to.data();
         return job;
     }
     void multiply(const CudaQueue& queue, const DeviceImagePlanes& in, const std::uint32_t* weight,
-                  const ConvolutionResult& r) const {
+                  const detail::ConvolutionResult& r) const {
         require(weight != nullptr, "DeviceConvolution", "weights were not set");
         require(static_cast<std::uint64_t>(in.width) * static_cast<std::uint64_t>(r.outputs) <
                     std::uint64_t(1) << 32U,
                 "DeviceConvolution", "a row has more than 2^32 numbers");
         with_tiles(r.outputs, [&](auto tiles) {
-            const ConvolutionKernel<decltype(tiles)> kernel{in, weight, r};
+            const detail::ConvolutionKernel<decltype(tiles)> kernel{in, weight, r};
             device_.launch(queue, kernel.blocks_of(), kernel);
         });
     }

@@ -11,7 +11,7 @@
 #include <rye/math/scalar.hpp>
 #include <rye/nn/cuda/tile_copies.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Sizes of a block's work: floats as N planes; `outputs` channels of the result; `high` rows of 16
 /// pixels a warp, `down` warps below one another by `beside` along the outputs.
@@ -311,4 +311,4 @@ struct ConvolutionKernel {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

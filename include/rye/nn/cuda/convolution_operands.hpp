@@ -8,7 +8,7 @@
 #include <rye/backend/cuda.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Weights as operands: for every tile of outputs, chunk of inputs and column of taps, 2 halves of
 /// the chunk x 3 taps x (outputs / 8) operands of 16 x 8 numbers, of each its planes, of a plane
@@ -84,4 +84,4 @@ struct ConvolutionPackKernel {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

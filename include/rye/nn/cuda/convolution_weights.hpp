@@ -67,6 +67,8 @@ struct ConvolutionSlices {
     }
 };
 
+namespace detail {
+
 /// Partial sums of a slice, `high` outputs by `wide` inputs a block.
 template <int N, int high, int wide>
 struct ConvolutionWeightKernel {
@@ -283,5 +285,7 @@ struct ConvolutionMergeKernel {
         });
     }
 };
+
+} // namespace detail
 
 } // namespace rye

@@ -7,7 +7,7 @@
 #include <rye/nn/activations.hpp>
 #include <rye/nn/encoding.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Returns the beginning of the codes of number i of columns of `rows` numbers. Numbers are fewer
 /// than 2^32, of which a device finds quotients faster.
@@ -63,4 +63,4 @@ struct TanhNumberVjp {
     RYE_DEVICE void operator()(Index i) const { g_x[i] += g[i] * tanh_slope(y[i]); }
 };
 
-} // namespace rye
+} // namespace rye::detail

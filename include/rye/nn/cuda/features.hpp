@@ -13,6 +13,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// The cotangent of an image from that of its 2 x 2 maxima.
 struct PoolVjpKernel {
     static constexpr const char* name = "gradient of pooling";
@@ -44,6 +46,8 @@ struct PoolVjpKernel {
     }
 };
 
+} // namespace detail
+
 /// Outputs of all convolutions after ReLU, for the vjp.
 struct DeviceVggTrace {
     int width = 0, height = 0; ///< image's extent [px]
@@ -57,11 +61,15 @@ struct DeviceVggTrace {
     }
 };
 
+namespace detail {
+
 /// The features of a slice: channels x pixels.
 struct DeviceFeature {
     DeviceColumns<const float> pixels;
     int width, height;
 };
+
+} // namespace detail
 
 /// The feature extractor in device memory.
 template <class Device, int N>
@@ -124,18 +132,19 @@ class DeviceVgg {
             if (l == 0)
                 image_planes_into<N>(device_, queue, source, in);
             else if (layer.pooled)
-                image_planes_into<N>(
-                    device_, queue,
-                    PooledPixels{trace.layer[l - 1]->data(), width >> (layer.slice - 1), layer.in},
-                    in);
+                image_planes_into<N>(device_, queue,
+                                     detail::PooledPixels{trace.layer[l - 1]->data(),
+                                                          width >> (layer.slice - 1), layer.in},
+                                     in);
             else
                 image_planes_into<N>(device_, queue,
-                                     PlainPixels{trace.layer[l - 1]->data(), w, layer.in}, in);
+                                     detail::PlainPixels{trace.layer[l - 1]->data(), w, layer.in},
+                                     in);
             trace.layer[l]->reserve(queue, static_cast<std::size_t>(in.pixels() * layer.out));
             convolution_[l]->forward_into(queue, in, trace.layer[l]->data(), layer.bias);
         }
     }
-    DeviceFeature feature(const DeviceVggTrace& t, int slice) const {
+    detail::DeviceFeature feature(const DeviceVggTrace& t, int slice) const {
         std::size_t l = layers_.size() - 1;
         while (layers_[l].slice > slice) --l;
         const int w = t.width >> slice, h = t.height >> slice;
@@ -156,16 +165,16 @@ class DeviceVgg {
             const bool last = l + 1 == layers_.size();
             if (last || layers_[l + 1].pooled) {
                 if (!last) {
-                    const PoolVjpKernel kernel{own, g, w, h, layer.out, other};
+                    const detail::PoolVjpKernel kernel{own, g, w, h, layer.out, other};
                     device_.launch(queue, kernel.blocks_of(), kernel);
                     std::swap(g, other);
                 }
                 add(layer.slice, g, !last);
             }
             const DeviceImagePlanes planes = shaped(queue, {nullptr, w, h, layer.out});
-            image_planes_into<N>(device_, queue,
-                                 CotangentPixels{g, own, w, layer.out, {}, nullptr, nullptr},
-                                 planes);
+            image_planes_into<N>(
+                device_, queue, detail::CotangentPixels{g, own, w, layer.out, {}, nullptr, nullptr},
+                planes);
             convolution_[l]->vjp_input_into(queue, planes, l == 0 ? g_in : other);
             std::swap(g, other);
         }

@@ -18,8 +18,12 @@
 
 namespace rye {
 
+namespace detail {
+
 /// x in whole groups of 32.
 RYE_HD constexpr int padded_32(int x) { return (x + 31) / 32 * 32; }
+
+} // namespace detail
 
 /// Planes of an image: number c of pixel j and plane p is data[(p pixels + j) padded_32(channels) +
 /// c], zero from `channels` on.
@@ -28,12 +32,14 @@ struct DeviceImagePlanes {
     int width = 0, height = 0, channels = 0;
 
     RYE_HD Index pixels() const { return Index(width) * height; }
-    RYE_HD int padded() const { return padded_32(channels); }
+    RYE_HD int padded() const { return detail::padded_32(channels); }
     std::size_t halves(int planes) const {
         return static_cast<std::size_t>(planes) * static_cast<std::size_t>(pixels()) *
                static_cast<std::size_t>(padded());
     }
 };
+
+namespace detail {
 
 /// Eight numbers.
 using Eight = Array<float, 8>;
@@ -383,5 +389,7 @@ class DeviceDoubling {
     DeviceBuffer<DoublingGather> gather_;
     int size_ = -1;
 };
+
+} // namespace detail
 
 } // namespace rye

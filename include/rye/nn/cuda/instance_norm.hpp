@@ -13,6 +13,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Pixels and channels of a block.
 struct ChannelChunks {
     static constexpr int threads = 256, wide = 32, parts = threads / wide;
@@ -269,6 +271,8 @@ struct OrderedSumKernel {
     }
 };
 
+} // namespace detail
+
 /// Normalisations of images in device memory, with the memory of their sums.
 template <class Device>
 class DeviceInstanceNorm {
@@ -276,34 +280,36 @@ class DeviceInstanceNorm {
     explicit DeviceInstanceNorm(const Device& device) : device_(device) {}
 
     /// Means and gains of channels from the moments of strips of their pixels.
-    void forward_into(const CudaQueue& queue, const ChannelStrips& of, float* mean, float* gain) {
-        StripSumsKernel kernel{of, mean, gain, nullptr};
+    void forward_into(const CudaQueue& queue, const detail::ChannelStrips& of, float* mean,
+                      float* gain) {
+        detail::StripSumsKernel kernel{of, mean, gain, nullptr};
         const Index parts = kernel.parts();
         parts_.reserve(queue, static_cast<std::size_t>(parts * of.channels) + 1);
         kernel.part = parts_.data();
         device_.launch(queue, kernel.blocks_of(), kernel);
         if (parts > 1)
             device_.launch(queue, of.channels,
-                           NormMergeKernel{of, parts_.data(), parts, mean, gain});
+                           detail::NormMergeKernel{of, parts_.data(), parts, mean, gain});
     }
     /// Inputs of CotangentPixels: 2 x channels means, of the cotangent through relu and of its
     /// product with the normalised image.
     void vjp_into(const CudaQueue& queue, const DeviceColumns<const float>& image, const float* g,
-                  const DeviceNorm& norm, float* means) {
-        const ChannelChunks chunks{image.cols, static_cast<int>(image.rows)};
+                  const detail::DeviceNorm& norm, float* means) {
+        const detail::ChannelChunks chunks{image.cols, static_cast<int>(image.rows)};
         const int count = 2 * chunks.channels;
         sums_.reserve(queue, static_cast<std::size_t>(chunks.chunks() * count) + 1);
         device_.launch(queue, chunks.blocks_of(),
-                       ChannelCotangentKernel{chunks, g, image.data, norm, sums_.data()});
+                       detail::ChannelCotangentKernel{chunks, g, image.data, norm, sums_.data()});
         const double share = 1.0 / static_cast<double>(std::max<Index>(image.cols, 1));
-        device_.launch(queue, count,
-                       OrderedSumKernel{sums_.data(), chunks.chunks(), count, share, false, means});
+        device_.launch(
+            queue, count,
+            detail::OrderedSumKernel{sums_.data(), chunks.chunks(), count, share, false, means});
     }
     std::size_t bytes() const { return parts_.bytes() + sums_.bytes(); }
 
   private:
     Device device_;
-    DeviceBuffer<ShiftedSums> parts_;
+    DeviceBuffer<detail::ShiftedSums> parts_;
     DeviceBuffer<double> sums_;
 };
 

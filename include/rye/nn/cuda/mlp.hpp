@@ -40,9 +40,11 @@ DeviceMlpParameters device_parameters(const Mlp<float, A>& m, const Of& of) {
 /// names, of which there is room for `room`.
 struct DeviceMlpPoints {
     DeviceColumns<const float> inputs; ///< point inputs x N
-    DevicePoints of = {};
+    detail::DevicePoints of = {};
     Index room = inputs.cols;
 };
+
+namespace detail {
 
 /// Destinations of gradients; null pointers skip one.
 struct DeviceMlpGradient {
@@ -51,6 +53,8 @@ struct DeviceMlpGradient {
     float* frame = nullptr;           ///< frame inputs
     bool add = false;                 ///< to `points` and `frame`, which else are overwritten
 };
+
+} // namespace detail
 
 /// Memory that a vjp needs while it runs. Networks of one stream may share it.
 struct DeviceMlpScratch {
@@ -66,7 +70,7 @@ class DeviceMlp {
   public:
     /// Returns true if the tiles have room for a shape.
     static bool fits(const MlpShape& shape) {
-        bool all = shape.layers() <= DeviceMlpNetwork::most_layers &&
+        bool all = shape.layers() <= detail::DeviceMlpNetwork::most_layers &&
                    shape.point_inputs() <= Tiles::inputs;
         for (int l = 0; l < shape.layers(); ++l) all = all && shape.layer_out(l) <= Tiles::width;
         return all;
@@ -78,7 +82,7 @@ class DeviceMlp {
             require(x >= 0 && x <= most, "DeviceMlp", what, " is ", x, ", its tiles have room for ",
                     most);
         };
-        within("number of layers", shape.layers(), DeviceMlpNetwork::most_layers);
+        within("number of layers", shape.layers(), detail::DeviceMlpNetwork::most_layers);
         within("number of point inputs", shape.point_inputs(), Tiles::inputs);
         for (int l = 0; l < shape.layers(); ++l)
             within("width of layer " + std::to_string(l), shape.layer_out(l), Tiles::width);
@@ -101,12 +105,12 @@ class DeviceMlp {
         for (int l = 0; l < count; ++l) {
             const int out = shape_.layer_out(l), hidden = shape_.hidden_in(l);
             const auto room = [&](int in) {
-                words += MlpPackJob::words(in, Tiles::tiles(out), Tiles::N) +
-                         MlpPackJob::words(out, Tiles::tiles(in), Tiles::N);
+                words += detail::MlpPackJob::words(in, Tiles::tiles(out), Tiles::N) +
+                         detail::MlpPackJob::words(out, Tiles::tiles(in), Tiles::N);
             };
             if (hidden > 0) room(hidden);
             if (shape_.reads_input(l)) room(inputs);
-            biases += padded_16(out);
+            biases += detail::padded_16(out);
         }
         words += Tiles::Full::tiles * 64 * Tiles::N; // what begins is read, whatever its steps
         packed_.reserve(queue, static_cast<std::size_t>(words));
@@ -115,19 +119,20 @@ class DeviceMlp {
         float* bias = numbers_.data();
         network_.layers = count;
         network_.inputs = inputs;
-        MlpPackKernel pack{};
+        detail::MlpPackKernel pack{};
         pack.planes = Tiles::N;
         for (int l = 0; l < count; ++l) {
             const auto i = static_cast<std::size_t>(l);
             const int out = shape_.layer_out(l), hidden = shape_.hidden_in(l);
-            DeviceMlpLayer& layer = network_.layer[l];
+            detail::DeviceMlpLayer& layer = network_.layer[l];
             layer = {hidden, out, shape_.reads_input(l), {}, {}, {}, bias, nullptr, nullptr};
             const float* const w = p.weight[i].data;
             const auto operand = [&](const float* from, int k, int n, Index k_apart,
                                      Index n_apart) {
                 const int tiles = Tiles::tiles(n);
-                return MlpOperand{pack.add({from, k_apart, n_apart, k, n, tiles, nullptr, 0}, word),
-                                  padded_16(k) / 16, tiles};
+                return detail::MlpOperand{
+                    pack.add({from, k_apart, n_apart, k, n, tiles, nullptr, 0}, word),
+                    detail::padded_16(k) / 16, tiles};
             };
             const float* const of_input = w + Index(hidden) * out;
             layer.to_out = operand(w, hidden, out, out, 1);
@@ -136,7 +141,7 @@ class DeviceMlp {
                 layer.out_to_input = operand(of_input, out, inputs, 1, out);
             }
             if (hidden > 0) layer.out_to_hidden = operand(w, out, hidden, 1, out);
-            bias += padded_16(out);
+            bias += detail::padded_16(out);
         }
         device_.launch(queue, pack.all, pack);
         set_frame(queue, frame);
@@ -145,17 +150,17 @@ class DeviceMlp {
     /// Other frame inputs for the weights and biases that were taken.
     void set_frame(const CudaQueue& queue, const float* frame) {
         frame_ = frame;
-        MlpBiasKernel biases{};
+        detail::MlpBiasKernel biases{};
         biases.frame = frame;
         float* bias = numbers_.data();
         for (int l = 0; l < network_.layers; ++l) {
             const auto i = static_cast<std::size_t>(l);
-            const DeviceMlpLayer& layer = network_.layer[l];
+            const detail::DeviceMlpLayer& layer = network_.layer[l];
             biases.add(
                 {parameters_.bias[i].data,
                  parameters_.weight[i].data + Index(layer.hidden + network_.inputs) * layer.out,
                  layer.out, layer.takes_input ? shape_.frame_inputs : 0, bias, 0});
-            bias += padded_16(layer.out);
+            bias += detail::padded_16(layer.out);
         }
         device_.launch(queue, biases.all, biases);
     }
@@ -175,7 +180,7 @@ class DeviceMlp {
         network_.of = points.of;
         if (keep) place(queue);
         device_.launch(queue, blocks(),
-                       MlpForwardKernel<Tiles, A>{network_, points.inputs, out, keep});
+                       detail::MlpForwardKernel<Tiles, A>{network_, points.inputs, out, keep});
     }
     /// Puts the forward pass of all columns on the stream.
     void forward_into(const CudaQueue& queue, const DeviceColumns<const float>& points,
@@ -186,7 +191,7 @@ class DeviceMlp {
     /// Gradients for the cotangent g_out (outputs x room) of the last forward pass, which kept
     /// what is read here.
     void vjp_into(const CudaQueue& queue, const DeviceColumns<const float>& g_out,
-                  const DeviceMlpGradient& g) {
+                  const detail::DeviceMlpGradient& g) {
         const Index n = network_.points;
         check(g.params);
         shaped("cotangents", g_out.rows, g_out.cols, shape_.outputs(), n);
@@ -195,16 +200,17 @@ class DeviceMlp {
                    shape_.point_inputs(), n);
         place_cotangents(queue);
         device_.launch(queue, blocks(),
-                       MlpReverseKernel<Tiles, A>{network_, g_out, g.points, g.add});
-        MlpWeightKernel<Tiles::N, Cut::wide> weights{cut(), kept_.data(), scratch_->partial.data()};
+                       detail::MlpReverseKernel<Tiles, A>{network_, g_out, g.points, g.add});
+        detail::MlpWeightKernel<Tiles::N, Cut::wide> weights{cut(), kept_.data(),
+                                                             scratch_->partial.data()};
         device_.launch(queue, weights.cut.all, weights);
-        MlpMergeKernel<Cut::wide> merge{weights.cut, weights.partial, {}};
-        MlpFrameKernel frame{{}, 0, shape_.frame_inputs, frame_, g.add, g.frame};
+        detail::MlpMergeKernel<Cut::wide> merge{weights.cut, weights.partial, {}};
+        detail::MlpFrameKernel frame{{}, 0, shape_.frame_inputs, frame_, g.add, g.frame};
         float* sum = numbers_.data();
-        for (int l = 0; l < network_.layers; ++l) sum += padded_16(network_.layer[l].out);
+        for (int l = 0; l < network_.layers; ++l) sum += detail::padded_16(network_.layer[l].out);
         for (int l = 0; l < network_.layers; ++l) {
             const auto i = static_cast<std::size_t>(l);
-            const DeviceMlpLayer& layer = network_.layer[l];
+            const detail::DeviceMlpLayer& layer = network_.layer[l];
             float* const g_weight = g.params.weight[i].data;
             merge.set(l, {g_weight, g.params.bias[i].data, sum, 0});
             if (layer.takes_input && shape_.frame_inputs > 0) {
@@ -212,7 +218,7 @@ class DeviceMlp {
                 frame.layer[frame.layers++] = {parameters_.weight[i].data + before,
                                                g_weight + before, sum, layer.out};
             }
-            sum += padded_16(layer.out);
+            sum += detail::padded_16(layer.out);
         }
         device_.launch(queue, merge.all, merge);
         device_.launch(queue, frame.blocks_of(), frame);
@@ -229,7 +235,8 @@ class DeviceMlp {
     Index blocks() const { return (Index(network_.points) + Tiles::points - 1) / Tiles::points; }
     /// Numbers of a layer's outputs for all points, in planes.
     std::size_t halves(int width) const {
-        return std::size_t(Tiles::N) * network_.points * static_cast<std::size_t>(padded_16(width));
+        return std::size_t(Tiles::N) * network_.points *
+               static_cast<std::size_t>(detail::padded_16(width));
     }
     void place(const CudaQueue& queue) {
         std::size_t all = halves(network_.inputs);
@@ -265,7 +272,7 @@ class DeviceMlp {
             return static_cast<std::uint32_t>((p - kept_.data()) / 8);
         };
         for (int l = 0; l < c.layers; ++l) {
-            const DeviceMlpLayer& layer = network_.layer[l];
+            const detail::DeviceMlpLayer& layer = network_.layer[l];
             c.layer[l] = {{layer.hidden, layer.takes_input ? network_.inputs : 0},
                           layer.out,
                           layer.cotangent,
@@ -298,7 +305,7 @@ class DeviceMlp {
     MlpShape shape_;
     DeviceMlpParameters parameters_;
     const float* frame_ = nullptr;
-    DeviceMlpNetwork network_{};
+    detail::DeviceMlpNetwork network_{};
     DeviceBuffer<std::uint32_t> packed_;
     DeviceBuffer<float> numbers_;      ///< biases, then sums of cotangents
     DeviceBuffer<std::uint16_t> kept_; ///< inputs, and outputs of hidden layers

@@ -10,6 +10,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// A layer of a network of one column.
 struct MlpColumnLayer {
     const float* weight; ///< out x (hidden + inputs)
@@ -112,15 +114,17 @@ struct MlpColumnWeight {
     }
 };
 
+} // namespace detail
+
 /// A network of one column on a device, without frame inputs of its own.
 template <class Device, Activation A = LeakyRelu>
 class DeviceMlpColumn {
   public:
     /// Throws an Error for more layers than a kernel has room for.
     DeviceMlpColumn(const Device& device, const MlpShape& shape) : device_(device), shape_(shape) {
-        require(shape.layers() <= DeviceMlpNetwork::most_layers, "DeviceMlpColumn",
+        require(shape.layers() <= detail::DeviceMlpNetwork::most_layers, "DeviceMlpColumn",
                 "number of layers is ", shape.layers(), ", expected at most ",
-                DeviceMlpNetwork::most_layers);
+                detail::DeviceMlpNetwork::most_layers);
         require(shape.frame_inputs == 0, "DeviceMlpColumn", "number of frame inputs is ",
                 shape.frame_inputs, ", expected 0");
     }
@@ -152,15 +156,15 @@ class DeviceMlpColumn {
     float* outputs() const { return network_.layer[network_.layers - 1].value; }
 
     void forward_into(const CudaQueue& queue) const {
-        device_.launch(queue, 1, MlpColumnForwardKernel<A>{network_});
+        device_.launch(queue, 1, detail::MlpColumnForwardKernel<A>{network_});
     }
     /// Adds the gradients of weights and biases; overwrites that of the inputs.
     void vjp_into(const CudaQueue& queue, const float* g_out, const DeviceMlpParameters& gradient,
                   float* g_input) const {
-        device_.launch(queue, 1, MlpColumnReverseKernel<A>{network_, g_out, g_input});
+        device_.launch(queue, 1, detail::MlpColumnReverseKernel<A>{network_, g_out, g_input});
         for (int l = 0; l < network_.layers; ++l) {
             const auto i = static_cast<std::size_t>(l);
-            const MlpColumnWeight weights{
+            const detail::MlpColumnWeight weights{
                 network_.layer[l], l > 0 ? network_.layer[l - 1].value : nullptr, network_.input,
                 gradient.weight[i].data, gradient.bias[i].data};
             launch_each(device_, queue, weights.count(), weights);
@@ -171,7 +175,7 @@ class DeviceMlpColumn {
   private:
     Device device_;
     MlpShape shape_;
-    MlpColumnNetwork network_{};
+    detail::MlpColumnNetwork network_{};
     DeviceBuffer<float> numbers_;
 };
 

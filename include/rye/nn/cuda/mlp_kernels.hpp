@@ -6,7 +6,7 @@
 #include <rye/nn/activations.hpp>
 #include <rye/nn/cuda/mlp_sums.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// All layers of a network, forward, for a block of points.
 template <class Tiles, class A>
@@ -252,4 +252,4 @@ struct MlpReverseKernel {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

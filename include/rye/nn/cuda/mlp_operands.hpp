@@ -10,7 +10,7 @@
 #include <rye/backend/cuda/planes.hpp>
 #include <rye/math/scalar.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// x in whole operands, 16 numbers along K.
 RYE_HD constexpr int padded_16(int x) { return (x + 15) / 16 * 16; }
@@ -388,4 +388,4 @@ RYE_DEVICE Planes<W, N, 2> packed_tile(const std::uint32_t* from) {
     return r;
 }
 
-} // namespace rye
+} // namespace rye::detail

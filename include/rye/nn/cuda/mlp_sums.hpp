@@ -10,6 +10,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Shape of the work: `points` a block, warps in `down` rows of four, `blocks` of a kernel
 /// together.
 template <int points_, int down_, int blocks_>
@@ -31,9 +33,11 @@ struct MlpPart {
     RYE_DEVICE static int first_tile(int w) { return w % across * wide; }
 };
 
+} // namespace detail
+
 /// Sizes of a block's work: widths at most `width`, inputs of points at most `inputs`, both
 /// multiples of 32; floats as N planes.
-template <int N_, int width_, int inputs_, class Cut = MlpCutOf<N_, width_>>
+template <int N_, int width_, int inputs_, class Cut = detail::MlpCutOf<N_, width_>>
 struct MlpTiles {
     static constexpr int N = N_, width = width_, inputs = inputs_;
     static_assert(N >= 1 && N <= 3 && width % 32 == 0 && inputs % 32 == 0);
@@ -43,10 +47,11 @@ struct MlpTiles {
     static constexpr int wide = (width > inputs ? width : inputs) / 32;
     static_assert(high >= 1 && points % (16 * down) == 0 && (high <= 4 ? 4 % high : high % 4) == 0);
 
-    using Full = MlpPart<high, wide, 4>;
-    using Half = MlpPart<high, (wide + 1) / 2, 4>;
+    using Full = detail::MlpPart<high, wide, 4>;
+    using Half = detail::MlpPart<high, (wide + 1) / 2, 4>;
     /// The part for 32 columns: warps have fewer points and more columns each.
-    using Narrow = MlpPart<(high + 3) / 4, (high < 4 ? high : 4), (high < 4 ? 4 / high : 1)>;
+    using Narrow =
+        detail::MlpPart<(high + 3) / 4, (high < 4 ? high : 4), (high < 4 ? 4 / high : 1)>;
     static constexpr bool has_narrow = wide >= 4, has_half = wide >= 2;
 
     /// Tiles that an operand of so many columns has, in whole parts of all warps.
@@ -65,9 +70,11 @@ struct MlpTiles {
     }
 
     /// Hidden numbers, then inputs, from column `width` on.
-    using Layer = PlaneRows<N, points, width + inputs>;
-    using Hidden = PlaneRows<N, points, width>;
+    using Layer = detail::PlaneRows<N, points, width + inputs>;
+    using Hidden = detail::PlaneRows<N, points, width>;
 };
+
+namespace detail {
 
 /// A warp's sums, and the operands of its next two steps.
 template <class W, class Tiles>
@@ -188,5 +195,7 @@ struct MlpSums {
         return operand.at + Part::first_tile(w) * (N * 64);
     }
 };
+
+} // namespace detail
 
 } // namespace rye

@@ -7,6 +7,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// The inputs of a layer side by side, each in whole operands: hidden, points'.
 struct MlpColumns {
     int hidden, input; ///< numbers of the layer's two inputs; 0: it does not take that one
@@ -23,6 +25,8 @@ struct MlpWeightLayer {
     int slices, first;              ///< slices of the points; first block
 };
 
+} // namespace detail
+
 /// Slices of the gradients of the weights of a network whose layers have at most `wide_` outputs.
 /// They follow from shapes alone, so that sums keep their order.
 template <int wide_>
@@ -35,20 +39,26 @@ struct MlpWeightCut {
     static constexpr int warps = 8, of_lane = wide / 2;  ///< sums
     static constexpr int numbers = warps * of_lane * 32; ///< a block, less sums of cotangents
     static constexpr int of_block = numbers + wide;
-    MlpWeightLayer layer[DeviceMlpNetwork::most_layers];
+    detail::MlpWeightLayer layer[detail::DeviceMlpNetwork::most_layers];
     int layers, all;      ///< blocks
     std::uint32_t points; ///< that there is room for
-    DevicePoints of;
+    detail::DevicePoints of;
 
-    RYE_HD static int tiles(const MlpWeightLayer& l) { return (l.columns.all() + high - 1) / high; }
+    RYE_HD static int tiles(const detail::MlpWeightLayer& l) {
+        return (l.columns.all() + high - 1) / high;
+    }
     /// Operands of 16 outputs of each of four warps, at most.
-    RYE_HD static int own(const MlpWeightLayer& l) { return (padded_16(l.out) / 16 + 3) / 4; }
+    RYE_HD static int own(const detail::MlpWeightLayer& l) {
+        return (detail::padded_16(l.out) / 16 + 3) / 4;
+    }
     /// Sets slices and blocks.
     void divide() {
-        const auto cost = [](const MlpWeightLayer& l) { // cost of a tile: copies, products, waiting
-            const int rows = rye::min(l.columns.all(), int(high)), columns = padded_16(l.out);
-            return rows + columns + rows * columns / 256 + 96;
-        };
+        const auto cost =
+            [](const detail::MlpWeightLayer& l) { // cost of a tile: copies, products, waiting
+                const int rows = rye::min(l.columns.all(), int(high)),
+                          columns = detail::padded_16(l.out);
+                return rows + columns + rows * columns / 256 + 96;
+            };
         int total = 0;
         for (int l = 0; l < layers; ++l) total += tiles(layer[l]) * cost(layer[l]);
         all = 0;

@@ -5,7 +5,7 @@
 
 #include <rye/nn/cuda/mlp_weight_cut.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Destination of a layer's gradient.
 struct MlpWeightTarget {
@@ -146,4 +146,4 @@ struct MlpFrameKernel {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

@@ -7,7 +7,7 @@
 
 #include <rye/nn/cuda/mlp_weight_cut.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Partial sums of a slice, for layers of at most `wide_` outputs. Eight warps have half of a
 /// block's inputs by a quarter of its outputs each; the next points are copied to shared memory
@@ -262,4 +262,4 @@ struct MlpWeightKernel {
     };
 };
 
-} // namespace rye
+} // namespace rye::detail

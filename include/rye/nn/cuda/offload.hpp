@@ -93,11 +93,11 @@ class NetworkOffload {
 
   private:
     template <class A>
-    using Network = OffloadedNetwork<Device, Tiles, A>;
+    using Network = detail::OffloadedNetwork<Device, Tiles, A>;
 
     template <class A>
     Network<A>& network(const Mlp<float, A>& m) {
-        std::unique_ptr<OffloadedPasses>& place = networks_[&m];
+        std::unique_ptr<detail::OffloadedPasses>& place = networks_[&m];
         auto* found = dynamic_cast<Network<A>*>(place.get());
         if (found == nullptr || !found->is(m.shape)) {
             auto made = std::make_unique<Network<A>>(transfer_, m.shape);
@@ -107,8 +107,8 @@ class NetworkOffload {
         return *found;
     }
 
-    HostTransfer<Device> transfer_;
-    std::map<const void*, std::unique_ptr<OffloadedPasses>> networks_;
+    detail::HostTransfer<Device> transfer_;
+    std::map<const void*, std::unique_ptr<detail::OffloadedPasses>> networks_;
     OffloadCounts counts_;
     Index passes_ = 0;
 };
@@ -129,11 +129,15 @@ concept OffloadsNetworks = Backend<B> && requires(const B& b, const MlpShape& sh
     { b.networks->takes(shape, Index(1)) } -> std::convertible_to<bool>;
 };
 
+namespace detail {
+
 /// Its host on the calling thread: passes of one network that are side by side cannot all be kept.
 template <OffloadsNetworks B>
 auto one_thread(const B& backend) {
     return one_thread(backend.host());
 }
+
+} // namespace detail
 
 /// mlp_forward of an OffloadBackend. A trace of a pass on the device holds its number alone, and a
 /// device keeps what the vjps of a network's last two traced passes read.
@@ -165,6 +169,8 @@ void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<Ml
     mlp_vjp<T>(backend.host(), m, pass, g_out, g);
 }
 
+namespace detail {
+
 /// mlp_forward_around of an OffloadBackend: what is around the pass is done on the host.
 template <class T, class A, OffloadsNetworks B, class Before, class After>
 void mlp_forward_around(const B& backend, const Mlp<T, A>& m,
@@ -194,5 +200,7 @@ void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
     mlp_vjp<T>(backend, m, pass, g_out, g);
     around(after);
 }
+
+} // namespace detail
 
 } // namespace rye

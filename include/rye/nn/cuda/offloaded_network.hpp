@@ -16,6 +16,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Arrays of the host on their way to a device and back, through memory of the host that the
 /// device copies from at full speed (page-locked, where the arena gives such memory).
 template <class Device>
@@ -96,11 +98,15 @@ class HostTransfer {
     std::size_t used_ = 0; ///< numbers of it that copies under way may read
 };
 
+} // namespace detail
+
 /// The number of a pass that ran on a device, in the trace that a host's pass would fill: one array
 /// without rows, with that many columns. Numbers begin with 1; 0: the trace is of a host's pass.
 inline Index offloaded_pass(const MlpTrace<float>& trace) {
     return trace.hidden.size() == 1 && trace.hidden[0].rows() == 0 ? trace.hidden[0].cols() : 0;
 }
+
+namespace detail {
 
 /// A network of any activation.
 class OffloadedPasses {
@@ -332,5 +338,7 @@ class OffloadedNetwork : public OffloadedPasses {
     Pass kept_[most_kept];
     Pass loose_; ///< pass without a trace
 };
+
+} // namespace detail
 
 } // namespace rye

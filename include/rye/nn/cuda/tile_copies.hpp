@@ -6,7 +6,7 @@
 
 #include <rye/nn/cuda/image_planes.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Beginning of a rectangle: its first pixel is (x - edge, y - edge), its first channel 8 group.
 struct TilePlace {
@@ -71,4 +71,4 @@ RYE_DEVICE void copy_tile(const DeviceImagePlanes& image, const TilePlace& at,
     }
 }
 
-} // namespace rye
+} // namespace rye::detail

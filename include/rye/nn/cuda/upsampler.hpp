@@ -76,7 +76,7 @@ class DeviceUpsampler {
             convolution_.push_back(std::make_unique<DeviceConvolution<Device, N>>(
                 device, shape.layer_in(l), shape.block_out(l / 2)));
         doubling_.resize(2 * static_cast<std::size_t>(shape.doublings));
-        for (auto& d : doubling_) d = std::make_unique<DeviceDoubling<Device>>();
+        for (auto& d : doubling_) d = std::make_unique<detail::DeviceDoubling<Device>>();
     }
 
     /// True if a trace keeps the planes of the layers' inputs: more memory, a faster vjp, the same
@@ -89,10 +89,11 @@ class DeviceUpsampler {
     void set(const CudaQueue& queue, const DeviceUpsamplerParameters& p) {
         check(p);
         parameters_ = p;
-        ConvolutionPackKernel kernel;
+        detail::ConvolutionPackKernel kernel;
         for (std::size_t l = 0; l < convolution_.size(); ++l) {
             convolution_[l]->take(queue, p.conv[l], kernel);
-            if (kernel.count + 2 <= ConvolutionPackKernel::most && l + 1 < convolution_.size())
+            if (kernel.count + 2 <= detail::ConvolutionPackKernel::most &&
+                l + 1 < convolution_.size())
                 continue;
             device_.launch(queue, kernel.blocks_of(), kernel);
             kernel.count = 0;
@@ -105,8 +106,8 @@ class DeviceUpsampler {
                       const DevicePicture<float>& out, DeviceUpsamplerTrace& trace) {
         const char* const who = "DeviceUpsampler";
         const int times = 1 << shape_.doublings;
-        require_picture(who, "input", in, shape_.in_channels, in.width, in.height);
-        require_picture(who, "output", out, 3, times * in.width, times * in.height);
+        detail::require_picture(who, "input", in, shape_.in_channels, in.width, in.height);
+        detail::require_picture(who, "output", out, 3, times * in.width, times * in.height);
         require(parameters_.out_weight.data != nullptr, who, "weights were not set");
         trace.in = in;
         trace.out = out;
@@ -135,7 +136,7 @@ class DeviceUpsampler {
                                result + s.pixels() * outputs, result + (s.pixels() + 1) * outputs);
         }
         if (shape_.skip) make_base(queue, trace);
-        const LastLayerKernel kernel{{}, last_layer(trace), out.pixels.data};
+        const detail::LastLayerKernel kernel{{}, last_layer(trace), out.pixels.data};
         device_.launch(queue, kernel.blocks_of(), kernel);
     }
 
@@ -202,18 +203,18 @@ class DeviceUpsampler {
         }
     }
     /// The result of layer l, as what follows reads it.
-    ActivatedPixels activated(const DeviceUpsamplerTrace& t, int l) const {
+    detail::ActivatedPixels activated(const DeviceUpsamplerTrace& t, int l) const {
         const Layer s = size_of(t, l);
         const int channels = shape_.block_out(l / 2);
         const float* const result = t.layer[static_cast<std::size_t>(l)]->data();
-        DeviceNorm norm;
+        detail::DeviceNorm norm;
         if (shape_.norm == Normalization::instance)
             norm = {result + s.pixels() * channels, result + (s.pixels() + 1) * channels};
         return {result, s.width, channels, norm};
     }
     /// A source at twice its size, doubling d.
     template <class Source>
-    DoubledPixels<Source> doubled(const Source& source, std::size_t d) const {
+    detail::DoubledPixels<Source> doubled(const Source& source, std::size_t d) const {
         return {source, doubling_[2 * d]->taps(), doubling_[2 * d + 1]->taps()};
     }
     DeviceImagePlanes shaped(const CudaQueue& queue, DeviceBuffer<std::uint16_t>& to,
@@ -228,8 +229,9 @@ class DeviceUpsampler {
                                    DeviceBuffer<std::uint16_t>& memory) {
         const DeviceImagePlanes to = shaped(queue, memory, size_of(t, l), shape_.layer_in(l));
         if (l == 0)
-            image_planes_into<N>(device_, queue,
-                                 PlainPixels{t.in.pixels.data, t.in.width, shape_.in_channels}, to);
+            image_planes_into<N>(
+                device_, queue,
+                detail::PlainPixels{t.in.pixels.data, t.in.width, shape_.in_channels}, to);
         else if (l % 2 == 1)
             image_planes_into<N>(device_, queue, activated(t, l - 1), to);
         else
@@ -249,10 +251,11 @@ class DeviceUpsampler {
     /// The cotangent of layer l's convolution, from g, that of relu's output.
     DeviceImagePlanes cotangent_planes(const CudaQueue& queue, const DeviceUpsamplerTrace& t, int l,
                                        const float* g) {
-        const ActivatedPixels own = activated(t, l);
+        const detail::ActivatedPixels own = activated(t, l);
         const Layer s = size_of(t, l);
         const DeviceImagePlanes to = shaped(queue, planes_[1], s, own.channels);
-        CotangentPixels source{g, own.from, own.width, own.channels, own.norm, nullptr, nullptr};
+        detail::CotangentPixels source{g,        own.from, own.width, own.channels,
+                                       own.norm, nullptr,  nullptr};
         if (own.norm.mean != nullptr) {
             norm_.vjp_into(queue, {own.from, own.channels, s.pixels()}, g, own.norm, means_.data());
             source.mean_g = means_.data();
@@ -262,7 +265,7 @@ class DeviceUpsampler {
         return to;
     }
 
-    LastLayer last_layer(const DeviceUpsamplerTrace& t) const {
+    detail::LastLayer last_layer(const DeviceUpsamplerTrace& t) const {
         const float* const base =
             shape_.skip ? t.base.data() + base_at(t, shape_.doublings) : nullptr;
         return {activated(t, shape_.layers() - 1), t.out.pixels.cols, parameters_.out_weight.data,
@@ -278,21 +281,22 @@ class DeviceUpsampler {
         t.base.reserve(queue, static_cast<std::size_t>(base_at(t, shape_.doublings + 1)));
         const auto run = [&](const auto& source, int d) {
             const Layer s = size_of(t, 2 * d);
-            const FirstChannelsKernel<std::decay_t<decltype(source)>> kernel{
+            const detail::FirstChannelsKernel<std::decay_t<decltype(source)>> kernel{
                 source, s.width, s.height, t.base.data() + base_at(t, d)};
             device_.launch(queue, kernel.blocks_of(), kernel);
         };
-        run(PlainPixels{t.in.pixels.data, t.in.width, shape_.in_channels}, 0);
+        run(detail::PlainPixels{t.in.pixels.data, t.in.width, shape_.in_channels}, 0);
         for (int d = 0; d < shape_.doublings; ++d)
-            run(doubled(PlainPixels{t.base.data() + base_at(t, d), size_of(t, 2 * d).width, 3},
-                        static_cast<std::size_t>(d)),
+            run(doubled(
+                    detail::PlainPixels{t.base.data() + base_at(t, d), size_of(t, 2 * d).width, 3},
+                    static_cast<std::size_t>(d)),
                 d + 1);
     }
 
     void last_layer_vjp(const CudaQueue& queue, const DeviceUpsamplerTrace& t,
                         const DeviceColumns<const float>& g_out, const DeviceUpsamplerGradient& to,
                         float* g) {
-        LastLayerVjpKernel kernel{
+        detail::LastLayerVjpKernel kernel{
             {}, last_layer(t), t.out.pixels.data, g_out.data, g, g_base_[0].data(), nullptr};
         const int numbers = kernel.numbers();
         sums_.reserve(queue, static_cast<std::size_t>(kernel.blocks_of() * numbers));
@@ -300,8 +304,8 @@ class DeviceUpsampler {
         device_.launch(queue, kernel.blocks_of(), kernel);
         const auto sum = [&](float* into, int first, int count) {
             device_.launch(queue, count,
-                           OrderedSumKernel{sums_.data() + first, kernel.blocks_of(), numbers, 1.0,
-                                            true, into});
+                           detail::OrderedSumKernel{sums_.data() + first, kernel.blocks_of(),
+                                                    numbers, 1.0, true, into});
         };
         sum(to.params.out_weight.data, 0, numbers - 3);
         sum(to.params.out_bias.data, numbers - 3, 3);
@@ -319,15 +323,15 @@ class DeviceUpsampler {
         bool add;
     };
     void double_vjp(const CudaQueue& queue, const Doubled& from, const Destination& to) {
-        const DoublingVjpKernel kernel{from.g,
-                                       from.width,
-                                       from.height,
-                                       from.channels,
-                                       doubling_[2 * from.d]->gather(),
-                                       doubling_[2 * from.d + 1]->gather(),
-                                       to.to,
-                                       to.channels,
-                                       to.add};
+        const detail::DoublingVjpKernel kernel{from.g,
+                                               from.width,
+                                               from.height,
+                                               from.channels,
+                                               doubling_[2 * from.d]->gather(),
+                                               doubling_[2 * from.d + 1]->gather(),
+                                               to.to,
+                                               to.channels,
+                                               to.add};
         device_.launch(queue, kernel.blocks_of(), kernel);
     }
     /// Adds the cotangent of the base to the first channels of the input's.
@@ -343,7 +347,7 @@ class DeviceUpsampler {
             std::swap(g, other);
         }
         if (shape_.doublings > 0) return;
-        const AddChannelsKernel kernel{g, t.in.pixels.cols, shape_.in_channels, g_in};
+        const detail::AddChannelsKernel kernel{g, t.in.pixels.cols, shape_.in_channels, g_in};
         device_.launch(queue, kernel.blocks_of(), kernel);
     }
 
@@ -380,12 +384,13 @@ class DeviceUpsampler {
     UpsamplerShape shape_;
     DeviceUpsamplerParameters parameters_;
     std::vector<std::unique_ptr<DeviceConvolution<Device, N>>> convolution_;
-    std::vector<std::unique_ptr<DeviceDoubling<Device>>> doubling_; ///< across and down of each
+    std::vector<std::unique_ptr<detail::DeviceDoubling<Device>>>
+        doubling_; ///< across and down of each
     DeviceInstanceNorm<Device> norm_;
     DeviceBuffer<std::uint16_t> planes_[2];
     DeviceBuffer<float> g_[2], g_base_[2], partial_, means_;
     DeviceBuffer<double> sums_;
-    DeviceBuffer<StripMoments> moments_;
+    DeviceBuffer<detail::StripMoments> moments_;
 };
 
 } // namespace rye

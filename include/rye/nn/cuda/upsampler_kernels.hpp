@@ -8,7 +8,7 @@
 #include <rye/nn/activations.hpp>
 #include <rye/nn/cuda/image_planes.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// The first three channels of a source's image.
 template <class Source>
@@ -285,4 +285,4 @@ struct LastLayerVjpKernel : LastLayerLanes {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

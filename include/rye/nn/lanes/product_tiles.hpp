@@ -12,7 +12,7 @@
 #include <rye/core/columns.hpp>
 #include <rye/nn/lanes/register_tile.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// The packed left factor: panels of two vectors of rows, the last of one vector where that is
 /// enough, zeros below the last row; within a panel, column after column. Unpacked, columns with a
@@ -101,8 +101,6 @@ struct RightFactor {
     Index column_step() const { return Transposed ? 1 : stride; }
 };
 
-namespace detail {
-
 /// A packed panel of the left factor.
 template <class T>
 struct PackedPanel {
@@ -148,8 +146,6 @@ void product_panel(PackedPanel<T> a, const RightFactor<T, Transposed>& x, Produc
         if (c < end)
             product_panel<Batch, V, V == 2 ? N - 1 : N / 2, Transposed>(a, x, columns, y, put);
 }
-
-} // namespace detail
 
 /// y = put(row, A x, before), on vectors of rows that begin at `row`; `before` is y itself or a
 /// matrix of its shape and stride.
@@ -217,4 +213,4 @@ struct TileFactor {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

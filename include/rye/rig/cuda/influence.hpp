@@ -23,6 +23,8 @@ struct DeviceLandmarks {
     }
 };
 
+namespace detail {
+
 /// Computes the influence of point i by the metric M, and 1 minus its influence by the metric Rest.
 template <class M, class Rest = M>
 struct InfluenceOfPoint {
@@ -77,5 +79,7 @@ struct InfluencePull {
 template <class M>
 InfluencePull(DeviceLandmarks, M, const int*, const float*, const float*, float*)
     -> InfluencePull<M>;
+
+} // namespace detail
 
 } // namespace rye

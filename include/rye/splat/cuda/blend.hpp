@@ -9,7 +9,7 @@
 #include <rye/splat/cuda/products.hpp>
 #include <rye/splat/cuda/strip_output.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Visits that a warp has found and not walked yet, in a ring.
 template <bool colours>
@@ -282,4 +282,4 @@ struct BlendKernel {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

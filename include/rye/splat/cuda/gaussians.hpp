@@ -10,6 +10,6 @@ namespace rye {
 
 /// Gaussians in device memory.
 template <class T>
-using DeviceGaussians = GaussianArrays<T>;
+using DeviceGaussians = detail::GaussianArrays<T>;
 
 } // namespace rye

@@ -10,7 +10,7 @@
 #include <rye/splat/cuda/products.hpp>
 #include <rye/splat/cuda/strip_output.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Writes the derivatives of a strip's pixels in K directions, C channels at a time.
 template <class A, int C, int K>
@@ -236,4 +236,4 @@ struct TangentKernel {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

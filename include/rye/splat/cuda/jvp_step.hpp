@@ -6,7 +6,7 @@
 #include <rye/splat/cuda/tangents.hpp>
 #include <rye/splat/cuda/walk.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Tangents of a lane's visits in a direction, in their column, as Visits has the values.
 template <class W, class A>
@@ -109,4 +109,4 @@ RYE_DEVICE TangentRow<W, K> tangent_row(const WarpBlend<W, A>& rules, const Visi
     return r;
 }
 
-} // namespace rye
+} // namespace rye::detail

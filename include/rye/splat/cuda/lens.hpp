@@ -8,6 +8,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// The numbers T of a lens that bends.
 template <class D, class T>
 struct LensNumbers {
@@ -28,12 +30,14 @@ struct LensNumbers<NoDistortion, T> {
     RYE_HD void put(Projector<T, NoDistortion>&) const {}
 };
 
+} // namespace detail
+
 /// A camera as kernels take it: projection and lens D in plain numbers T, floats or duals of them.
 template <class D, class T = float>
 struct DeviceLens {
     T rotation[9], translation[3];
     T fx, fy, x_low, x_high, y_low, y_high, near_depth, dilation;
-    LensNumbers<D, T> lens;
+    detail::LensNumbers<D, T> lens;
 
     explicit DeviceLens(const Projector<T, D>& p)
         : fx(p.fx),

@@ -7,7 +7,7 @@
 #include <rye/splat/cuda/lens.hpp>
 #include <rye/splat/cuda/records.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Calls f(row, begin, end) for each row of tiles that a Gaussian reaches.
 template <Support support, class F>
@@ -354,4 +354,4 @@ struct BinKernel {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

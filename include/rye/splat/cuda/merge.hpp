@@ -5,7 +5,7 @@
 
 #include <rye/splat/cuda/lists.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Merges slots to gradients. C: channels of the layout. Writes channels [first, first + channels)
 /// of the features' gradient; with `add`, adds the gradients of shape and opacity to those present.
@@ -217,4 +217,4 @@ struct BackgroundSumKernel {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

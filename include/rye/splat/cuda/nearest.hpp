@@ -9,7 +9,7 @@
 
 #include <rye/splat/cuda/records.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// The nearest keys of a tile's list that are not taken yet, sorted, in shared memory.
 struct NearestKeys {
@@ -234,4 +234,4 @@ struct NearestFirst {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

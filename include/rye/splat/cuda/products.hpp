@@ -8,7 +8,7 @@
 #include <rye/backend/cuda/planes.hpp>
 #include <rye/splat/cuda/walk.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Returns the visit at each lane's position of a group: of lanes' position p = lane % 16.
 template <class W>
@@ -55,4 +55,4 @@ RYE_DEVICE Planes<W, N, 2> features_over_channels(const float* rows, int stride,
     return r;
 }
 
-} // namespace rye
+} // namespace rye::detail

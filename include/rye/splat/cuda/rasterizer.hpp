@@ -37,8 +37,13 @@ struct KernelChannels {
         (attempt(std::integral_constant<int, C>{}), ...);
     }
 };
+
+namespace detail {
+
 /// Kernels for the usual numbers of channels.
 using AnyChannels = KernelChannels<1, 3, 4, 8, 16, 32>;
+
+} // namespace detail
 
 /// Counts of a finished frame.
 struct DeviceFrameCost {
@@ -57,20 +62,20 @@ struct DeviceFrameShape {
     /// Returns the count of 32-bit words: of Gaussians and tiles, of counters, of entries, of
     /// groups.
     std::size_t words() const {
-        return 2 * gaussians + blocks() + std::size_t(2 + tile_strips) * tiles + 2;
+        return 2 * gaussians + blocks() + std::size_t(2 + detail::tile_strips) * tiles + 2;
     }
     std::size_t counters() const {
-        return tiles * FrameMemory::apart + sizeof(FrameReport) / 4;
+        return tiles * detail::FrameMemory::apart + sizeof(FrameReport) / 4;
     }
-    std::size_t entry_words() const { return std::size_t(3 + tile_strips) * entries; }
-    std::size_t group_words() const { return groups * std::size_t(2 * group_visits + 1); }
+    std::size_t entry_words() const { return std::size_t(3 + detail::tile_strips) * entries; }
+    std::size_t group_words() const { return groups * std::size_t(2 * detail::group_visits + 1); }
     std::size_t transmittances() const { return groups * 64; }
-    std::size_t partials() const { return groups * std::size_t(group_visits) * stride; }
+    std::size_t partials() const { return groups * std::size_t(detail::group_visits) * stride; }
 
     /// Returns the device memory of the frame [bytes]; each array has one number more.
     std::size_t bytes() const {
-        return (gaussians + 1) *
-                   (sizeof(SplatRecord) + sizeof(TileSpans) + sizeof(Footprint<float>)) +
+        return (gaussians + 1) * (sizeof(detail::SplatRecord) + sizeof(detail::TileSpans) +
+                                  sizeof(Footprint<float>)) +
                (entries + 1) * sizeof(std::uint64_t) +
                4 * (words() + counters() + entry_words() + group_words() + transmittances() +
                     partials() + 6);
@@ -111,16 +116,18 @@ struct DeviceFrame {
         m.order = m.begin + of.tiles + 1;
         m.last = m.order + of.tiles;
         place(queue, counters_, m.counters, of.counters());
-        m.report = reinterpret_cast<FrameReport*>(m.counters + of.tiles * FrameMemory::apart);
+        m.report =
+            reinterpret_cast<FrameReport*>(m.counters + of.tiles * detail::FrameMemory::apart);
         place(queue, keys_, m.key, of.entries);
         place(queue, entry_words_, m.sorted, of.entry_words());
         m.owner = m.sorted + of.entries;
         m.slot = m.owner + of.entries;
-        m.touched = reinterpret_cast<std::uint8_t*>(m.slot + std::size_t(tile_strips) * of.entries);
+        m.touched =
+            reinterpret_cast<std::uint8_t*>(m.slot + std::size_t(detail::tile_strips) * of.entries);
         m.entries = static_cast<std::uint32_t>(of.entries);
         m.groups = static_cast<std::uint32_t>(of.groups);
         place(queue, group_words_, m.visits, of.group_words());
-        m.before = m.visits + of.groups * std::size_t(2 * group_visits);
+        m.before = m.visits + of.groups * std::size_t(2 * detail::group_visits);
         place(queue, transmittance_, m.transmittance, of.transmittances());
         place(queue, partial_, m.partial, of.partials());
     }
@@ -164,7 +171,7 @@ struct DeviceFrame {
                transmittance_.bytes() + partial_.bytes();
     }
 
-    FrameMemory m{};
+    detail::FrameMemory m{};
 
   private:
     static constexpr std::int64_t most_entries = 0xFFFFFFF0;
@@ -176,8 +183,8 @@ struct DeviceFrame {
         at = buffer.data();
     }
 
-    DeviceBuffer<SplatRecord> records_;
-    DeviceBuffer<TileSpans> spans_;
+    DeviceBuffer<detail::SplatRecord> records_;
+    DeviceBuffer<detail::TileSpans> spans_;
     DeviceBuffer<Footprint<float>> footprints_;
     DeviceBuffer<std::uint32_t> words_, counters_, entry_words_, group_words_;
     DeviceBuffer<std::uint64_t> keys_;
@@ -195,7 +202,7 @@ template <class A>
 concept DeviceAccuracy = AccuracyPolicy<A> && BlendsByCentre<A> && DepthsOf32Bits<A>;
 
 /// Draws Gaussians by the rules of A on a device, and differentiates the pictures.
-template <DeviceAccuracy A, class Device, class Kernels = AnyChannels>
+template <DeviceAccuracy A, class Device, class Kernels = detail::AnyChannels>
 struct DeviceRasterizer {
     A accuracy;
 
@@ -207,25 +214,26 @@ struct DeviceRasterizer {
                       const Pinhole<float, D>& camera, const float* background,
                       const DeviceImages& images, Frame& frame) const {
         check(g, camera, images);
-        check_alpha_min<float>(accuracy);
+        detail::check_alpha_min<float>(accuracy);
         Kernels::with(g.channels(), [&](auto C) {
-            frame.shape(queue, g.count(), camera.width, camera.height, ChannelLayout<C()>::stride);
+            frame.shape(queue, g.count(), camera.width, camera.height,
+                        detail::ChannelLayout<C()>::stride);
         });
-        const FrameMemory& m = frame.m;
+        const detail::FrameMemory& m = frame.m;
         const Device& device = frame.device;
         device.fill(queue, m.counters, 0,
-                    std::size_t(m.tiles) * FrameMemory::apart * sizeof(std::uint32_t) +
+                    std::size_t(m.tiles) * detail::FrameMemory::apart * sizeof(std::uint32_t) +
                         sizeof(FrameReport));
         device.launch(queue, m.blocks,
-                      ProjectKernel<A, D>{g, lens(camera), accuracy, camera.cx, camera.cy,
-                                          camera.width, camera.height, m});
-        device.launch(queue, 1, ScanKernel{m});
-        device.launch(queue, m.blocks, BinKernel<A>{camera.width, camera.height, m});
+                      detail::ProjectKernel<A, D>{g, lens(camera), accuracy, camera.cx, camera.cy,
+                                                  camera.width, camera.height, m});
+        device.launch(queue, 1, detail::ScanKernel{m});
+        device.launch(queue, m.blocks, detail::BinKernel<A>{camera.width, camera.height, m});
         each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
             if (first > 0) device.fill(queue, &m.report->groups, 0, sizeof(std::uint32_t));
             device.launch(queue, m.tiles,
-                          BlendKernel<A, C()>{m, scene(g, background, camera, first, channels),
-                                              images, accuracy});
+                          detail::BlendKernel<A, C()>{
+                              m, scene(g, background, camera, first, channels), images, accuracy});
         });
     }
 
@@ -239,20 +247,20 @@ struct DeviceRasterizer {
                 "got a frame that keeps nothing for a vjp, expected one that does");
         require(A::outputs.depth || cotangent.depth.data == nullptr, "rasterizer",
                 "got a cotangent of depth, expected none: the policy's outputs have no depth");
-        const FrameMemory& m = frame.m;
+        const detail::FrameMemory& m = frame.m;
         const Device& device = frame.device;
         const bool extra = cotangent.alpha.data != nullptr || cotangent.depth.data != nullptr;
         each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
             const DeviceScene s = scene(g, background, camera, first, channels);
             if (extra && first == 0)
-                device.launch(queue, Index(m.tiles) * tile_strips,
-                              ReverseKernel<A, C(), true>{m, s, cotangent, accuracy});
+                device.launch(queue, Index(m.tiles) * detail::tile_strips,
+                              detail::ReverseKernel<A, C(), true>{m, s, cotangent, accuracy});
             else
-                device.launch(queue, Index(m.tiles) * tile_strips,
-                              ReverseKernel<A, C(), false>{m, s, cotangent, accuracy});
-            device.launch(
-                queue, m.blocks,
-                MergeKernel<A, D, C()>{g, out, lens(camera), m, first, channels, first > 0});
+                device.launch(queue, Index(m.tiles) * detail::tile_strips,
+                              detail::ReverseKernel<A, C(), false>{m, s, cotangent, accuracy});
+            device.launch(queue, m.blocks,
+                          detail::MergeKernel<A, D, C()>{g, out, lens(camera), m, first, channels,
+                                                         first > 0});
         });
     }
 
@@ -261,29 +269,30 @@ struct DeviceRasterizer {
     /// stream, to be kept until that is done; a later call takes it again.
     template <Distortion D>
     void jvp_into(const CudaQueue& queue, const DeviceGaussians<const float>& g,
-                  std::span<const DeviceDirection<D>> directions, const Pinhole<float, D>& camera,
-                  const float* background, DeviceBuffer<SplatRecord>& splats,
-                  const Frame& frame) const {
+                  std::span<const detail::DeviceDirection<D>> directions,
+                  const Pinhole<float, D>& camera, const float* background,
+                  DeviceBuffer<detail::SplatRecord>& splats, const Frame& frame) const {
         require(frame.for_vjp, "rasterizer",
                 "got a frame that keeps nothing for a jvp, expected one that does");
-        for (const DeviceDirection<D>& d : directions) check(g, d, camera);
+        for (const detail::DeviceDirection<D>& d : directions) check(g, d, camera);
         splats.reserve(queue, 2 * static_cast<std::size_t>(g.count()) + 2);
         const auto walk = [&](auto K, std::size_t at) {
             constexpr auto count = static_cast<std::size_t>(K());
-            WalkedDirection walked[count];
+            detail::WalkedDirection walked[count];
             for (std::size_t k = 0; k < count; ++k) {
-                const DeviceDirection<D>& d = directions[at + k];
-                SplatRecord* const out = splats.data() + k * static_cast<std::size_t>(g.count());
+                const detail::DeviceDirection<D>& d = directions[at + k];
+                detail::SplatRecord* const out =
+                    splats.data() + k * static_cast<std::size_t>(g.count());
                 project_tangents(queue, g, d, camera, out, frame);
                 walked[k] = {out, d.gaussians.feature, d.camera != nullptr ? d.camera->cx : 0.0F,
                              d.camera != nullptr ? d.camera->cy : 0.0F, d.images};
             }
             each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
                 if constexpr (K() == 1 || C() <= 4) {
-                    TangentKernel<A, C(), K()> kernel{
+                    detail::TangentKernel<A, C(), K()> kernel{
                         frame.m, scene(g, background, camera, first, channels), accuracy, {}};
                     std::copy_n(walked, count, kernel.direction);
-                    frame.device.launch(queue, Index(frame.m.tiles) * tile_strips, kernel);
+                    frame.device.launch(queue, Index(frame.m.tiles) * detail::tile_strips, kernel);
                 }
             });
         };
@@ -299,13 +308,15 @@ struct DeviceRasterizer {
     void background_vjp_into(const CudaQueue& queue, const DeviceColumns<const float>& g_feature,
                              const DeviceColumns<const float>& alpha, float* partial, float* out,
                              const Frame& frame) const {
-        const Index chunks =
-            (g_feature.cols + BackgroundKernel::chunk - 1) / BackgroundKernel::chunk;
-        frame.device.launch(queue, chunks, BackgroundKernel{g_feature, alpha, partial});
-        frame.device.launch(queue, 1, BackgroundSumKernel{partial, g_feature.rows, chunks, out});
+        const Index chunks = (g_feature.cols + detail::BackgroundKernel::chunk - 1) /
+                             detail::BackgroundKernel::chunk;
+        frame.device.launch(queue, chunks, detail::BackgroundKernel{g_feature, alpha, partial});
+        frame.device.launch(queue, 1,
+                            detail::BackgroundSumKernel{partial, g_feature.rows, chunks, out});
     }
     static Index background_numbers(Index channels, Index pixels) {
-        return channels * ((pixels + BackgroundKernel::chunk - 1) / BackgroundKernel::chunk);
+        return channels *
+               ((pixels + detail::BackgroundKernel::chunk - 1) / detail::BackgroundKernel::chunk);
     }
 
   private:
@@ -316,17 +327,18 @@ struct DeviceRasterizer {
     }
     template <Distortion D>
     void project_tangents(const CudaQueue& queue, const DeviceGaussians<const float>& g,
-                          const DeviceDirection<D>& direction, const Pinhole<float, D>& camera,
-                          SplatRecord* out, const Frame& frame) const {
+                          const detail::DeviceDirection<D>& direction,
+                          const Pinhole<float, D>& camera, detail::SplatRecord* out,
+                          const Frame& frame) const {
         using Number = Dual<float, 1>;
-        const auto moving = dual_camera<float>(camera, direction.camera);
+        const auto moving = detail::dual_camera<float>(camera, direction.camera);
         using Lens = std::remove_cvref_t<decltype(moving.distortion)>;
         const Projector<Number, Lens> projector(moving, accuracy.frustum_margin,
                                                 screen_dilation(accuracy));
         frame.device.launch(queue, frame.m.blocks,
-                            ProjectTangentsKernel<A, Lens>{g, direction.gaussians,
-                                                           DeviceLens<Lens, Number>(projector),
-                                                           accuracy, frame.m, out});
+                            detail::ProjectTangentsKernel<A, Lens>{
+                                g, direction.gaussians, DeviceLens<Lens, Number>(projector),
+                                accuracy, frame.m, out});
     }
     template <Distortion D>
     static DeviceScene scene(const DeviceGaussians<const float>& g, const float* background,
@@ -352,7 +364,7 @@ struct DeviceRasterizer {
                 cols, ", expected ", want_rows, " x ", want);
     }
     template <Distortion D>
-    static void check(const DeviceGaussians<const float>& g, const DeviceDirection<D>& d,
+    static void check(const DeviceGaussians<const float>& g, const detail::DeviceDirection<D>& d,
                       const Pinhole<float, D>& camera) {
         const auto moved = [](const char* name, const DeviceColumns<const float>& x,
                               const DeviceColumns<const float>& dx) {

@@ -28,6 +28,8 @@ struct DeviceCotangent {
 
 inline constexpr std::uint32_t none_of = 0xFFFFFFFF; ///< no group, no Gaussian
 
+namespace detail {
+
 /// A visible Gaussian as pixels see it: Splat without what follows from the policy.
 struct SplatRecord {
     Quad4 place; ///< x, y [px], ux, vx
@@ -42,6 +44,8 @@ struct alignas(16) TileSpans {
     std::uint16_t begin[most], end[most];
 };
 
+} // namespace detail
+
 /// Counts of a render. Sums include what did not fit.
 struct FrameReport {
     std::uint32_t non_finite; ///< Gaussians left out for a NaN or an infinity
@@ -49,6 +53,8 @@ struct FrameReport {
     std::uint32_t groups;                    ///< groups of visits, and at most one a strip more
     std::uint32_t overflow;                  ///< entries did not fit: nothing was drawn
 };
+
+namespace detail {
 
 /// Sizes and places of a frame's memory.
 struct FrameMemory {
@@ -112,5 +118,7 @@ struct ChannelLayout {
     static constexpr int stride = (head + C + 3) / 4 * 4; ///< numbers in a slot
     static_assert(C >= 1 && (C <= 4 || C % 8 == 0) && C <= 32);
 };
+
+} // namespace detail
 
 } // namespace rye

@@ -9,7 +9,7 @@
 #include <rye/splat/cuda/products.hpp>
 #include <rye/splat/cuda/reverse_step.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// extra: cotangents of alpha or depth are given.
 template <class A, int C, bool extra>
@@ -340,4 +340,4 @@ struct ReverseKernel {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

@@ -5,7 +5,7 @@
 
 #include <rye/splat/cuda/walk.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// A warp's state of its pixels on the way back.
 template <class W, int C, bool extra>
@@ -154,4 +154,4 @@ struct ReverseStep {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

@@ -23,6 +23,8 @@ struct DeviceHarmonics {
     operator DeviceHarmonics<U>() const { return {mean, constant, rest}; }
 };
 
+namespace detail {
+
 /// As in splat files: constant coefficients in an array of their own, the others of a Gaussian
 /// those of red, of green, then of blue.
 struct HarmonicsByColour {
@@ -38,6 +40,8 @@ struct HarmonicsByColour {
         return k;
     }
 };
+
+} // namespace detail
 
 /// As in programs of PyTorch: one array of triples of red, green and blue, `bases` of each
 /// Gaussian, the constant one first. `constant` and `rest` both begin where the array does.
@@ -73,8 +77,6 @@ struct ShBlock {
                 f(order.template memory<row>(base, k), Order::template place<row>(k));
     }
 };
-
-} // namespace detail
 
 /// Colours of Gaussians from their harmonics of one degree.
 template <int degree, class Order = HarmonicsByColour>
@@ -170,34 +172,36 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
     }
 };
 
+} // namespace detail
+
 /// Puts the colours of harmonics, seen from `eye`, on the stream: 3 x N numbers.
-template <int most = 4, class Device, class Order = HarmonicsByColour>
+template <int most = 4, class Device, class Order = detail::HarmonicsByColour>
 void sh_colors_into(const CudaQueue& queue, const Device& device,
                     const DeviceHarmonics<const float>& in, const Vec3<float>& eye, float* rgb,
-                    const FrameMemory* seen = nullptr, const Order& order = {}) {
+                    const detail::FrameMemory* seen = nullptr, const Order& order = {}) {
     const Index n = in.mean.cols;
     detail::with_sh_degree_up_to<most>(
         sh_degree(static_cast<int>(in.rest.rows / 3) + 1), [&](auto degree) {
             device.launch(queue, (n + 127) / 128,
-                          ShColorKernel<degree(), Order>{
+                          detail::ShColorKernel<degree(), Order>{
                               {}, order, in, eye, seen != nullptr ? seen->places : nullptr, rgb});
         });
 }
 
 /// Puts the gradients on the stream: of `constant` and `rest` they are written, that of `mean` is
 /// added.
-template <int most = 4, class Device, class Order = HarmonicsByColour>
+template <int most = 4, class Device, class Order = detail::HarmonicsByColour>
 void sh_colors_vjp_into(const CudaQueue& queue, const Device& device,
                         const DeviceHarmonics<const float>& in, const Vec3<float>& eye,
                         const float* g_rgb, const DeviceHarmonics<float>& out,
-                        const FrameMemory* seen = nullptr, const Order& order = {}) {
+                        const detail::FrameMemory* seen = nullptr, const Order& order = {}) {
     const Index n = in.mean.cols;
     detail::with_sh_degree_up_to<most>(
         sh_degree(static_cast<int>(in.rest.rows / 3) + 1), [&](auto degree) {
-            device.launch(queue, (n + 127) / 128,
-                          ShColorVjpKernel<degree(), Order>{
-                              {}, order, in, eye, seen != nullptr ? seen->places : nullptr, g_rgb,
-                              out});
+            device.launch(
+                queue, (n + 127) / 128,
+                detail::ShColorVjpKernel<degree(), Order>{
+                    {}, order, in, eye, seen != nullptr ? seen->places : nullptr, g_rgb, out});
         });
 }
 

@@ -5,7 +5,7 @@
 
 #include <rye/splat/cuda/walk.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// A warp's state of its pixels while it draws them.
 template <class W, class A, int C>
@@ -145,4 +145,4 @@ struct StripOutput {
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

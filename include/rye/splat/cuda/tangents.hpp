@@ -7,7 +7,7 @@
 #include <rye/splat/cuda/records.hpp>
 #include <rye/splat/tangents.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// A direction in the inputs of a device's render, and the images of its derivative. Arrays without
 /// data, and a camera that is null, do not move.
@@ -72,4 +72,4 @@ struct WalkedDirection {
     DeviceImages images;
 };
 
-} // namespace rye
+} // namespace rye::detail

@@ -40,6 +40,8 @@ struct DeviceScene {
     }
 };
 
+namespace detail {
+
 /// Returns the exponent below which alpha is 0.
 template <class A>
 RYE_DEVICE float least_exponent(const A& accuracy) {
@@ -127,5 +129,7 @@ struct TileCentre {
           y(static_cast<float>(static_cast<int>(tile / columns) * tile_edge + tile_edge / 2) -
             scene.cy) {}
 };
+
+} // namespace detail
 
 } // namespace rye

@@ -12,6 +12,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// The visits of each lane, in their column.
 template <class W, class A>
 struct Visits {
@@ -85,14 +87,18 @@ struct WarpExp2 {
     RYE_DEVICE typename W::F operator()(const typename W::F& x) const { return W::exp2(x); }
 };
 
+} // namespace detail
+
 /// Contributions of a lane's four visits to a pixel.
 template <class W>
 struct Taken {
     using F = typename W::F;
-    Contribution<F> visit[4]; ///< alpha and weight 0 where the pixel is full
+    detail::Contribution<F> visit[4]; ///< alpha and weight 0 where the pixel is full
     F behind;                 ///< transmittance behind the four
     F product;                ///< product of 1 - alpha, if none is left out
 };
+
+namespace detail {
 
 /// The formulas of splat/blend.hpp for four visits of each of four lanes at once.
 template <class W, class A>
@@ -186,5 +192,7 @@ RYE_DEVICE Array<V, 2> own_rows(const V (&x)[8]) {
     };
     return {{pick(Constant<0>{}), pick(Constant<1>{})}};
 }
+
+} // namespace detail
 
 } // namespace rye

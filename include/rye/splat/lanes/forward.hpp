@@ -8,7 +8,7 @@
 #include <rye/splat/lanes/group.hpp>
 #include <rye/splat/plain/forward.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Places of a strip's vectors: transmittance, those of the outputs, sums of C channels.
 template <Outputs O, int C>
@@ -274,4 +274,4 @@ void blend_tiles_lanes(const Scene<typename V::value_type>& scene, const A& accu
     }
 }
 
-} // namespace rye
+} // namespace rye::detail

@@ -15,7 +15,7 @@
 #include <rye/splat/blend.hpp>
 #include <rye/splat/lanes/registers.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// The strips of a tile, side by side and, of a side, row by row. Within a strip, lanes go down its
 /// rows first. A strip of two rows and half the width meets fewer Gaussians.
@@ -233,4 +233,4 @@ struct LaneBlend : Blend<A, V, LanePixels, LaneExp2<A::exp2_degree, typename V::
     }
 };
 
-} // namespace rye
+} // namespace rye::detail

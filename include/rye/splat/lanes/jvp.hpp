@@ -10,6 +10,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Gaussians, their tangents or null, and the camera with its own.
 template <class V, class A>
 struct TangentInput {
@@ -20,11 +22,13 @@ struct TangentInput {
     const A& accuracy;
 };
 
+} // namespace detail
+
 /// Computes the tangents of the screen numbers of a range of visible Gaussians.
 template <class V, class A>
-void project_tangents(const TangentInput<V, A>& moves,
-                      const RasterTrace<typename V::value_type>& trace, ChunkRange r,
-                      SplatTangent<typename V::value_type>* to) {
+void project_tangents(const detail::TangentInput<V, A>& moves,
+                      const RasterTrace<typename V::value_type>& trace, detail::ChunkRange r,
+                      detail::SplatTangent<typename V::value_type>* to) {
     using T = typename V::value_type;
     const GaussianView<T>& g = moves.gaussians;
     const Gaussians<T>* const tangent = moves.tangent;
@@ -39,19 +43,19 @@ void project_tangents(const TangentInput<V, A>& moves,
             const Index m = std::min(start + lane, e - 1);
             return static_cast<Index>(trace.members[static_cast<std::size_t>(m)].source);
         };
-        const LaneShapes<V> in(g, index);
-        LaneBlock<V, 11> still;
+        const detail::LaneShapes<V> in(g, index);
+        detail::LaneBlock<V, 11> still;
         for (auto& row : still.row) std::fill_n(row, lanes, T(0));
-        const LaneBlock<V, 11> moved =
-            tangent != nullptr ? LaneShapes<V>(*tangent, index).in : still;
-        const auto number = [&](int k) { return dual_of<V>(in.in[k], moved[k]); };
+        const detail::LaneBlock<V, 11> moved =
+            tangent != nullptr ? detail::LaneShapes<V>(*tangent, index).in : still;
+        const auto number = [&](int k) { return detail::dual_of<V>(in.in[k], moved[k]); };
         const Shape<Number> shape{
             Vec3<Number>(number(0), number(1), number(2)),
             Quat<Number>(number(3), number(4), number(5), number(6)),
             Vec3<Number>(number(7), number(8), number(9))};
         const Projected<Number, A::antialias> s = project<A::antialias>(shape, projector);
-        const Splat<Number> splat = make_splat(s, kept_opacity(s, number(10)), accuracy);
-        LaneBlock<V, 8> out;
+        const Splat<Number> splat = make_splat(s, detail::kept_opacity(s, number(10)), accuracy);
+        detail::LaneBlock<V, 8> out;
         const Number* const numbers[8] = {&splat.x,  &splat.y,  &splat.ux,    &splat.vx,
                                           &splat.vy, &splat.log2_opacity, &splat.floor,
                                           &splat.depth};
@@ -62,6 +66,8 @@ void project_tangents(const TangentInput<V, A>& moves,
         }
     }
 }
+
+namespace detail {
 
 /// The tangent of an entry as the strips see it, beside LaneEntry.
 template <class V>
@@ -125,20 +131,24 @@ void share_tangent(const Splat<typename V::value_type>& s,
     });
 }
 
+} // namespace detail
+
 /// sums(pixel, channels) += sum_j weight[j][pixel] feature(of[j], channels) for a strip's pixels.
 template <class V>
-void blend_many(const StripVisits<V>& visits, const typename V::value_type* feature, Index stride,
-                typename V::value_type* sums) {
+void blend_many(const detail::StripVisits<V>& visits, const typename V::value_type* feature,
+                Index stride, typename V::value_type* sums) {
     constexpr int lanes = static_cast<int>(V::size);
     Index c = 0;
     const auto blocks = [&]<int P>(std::integral_constant<int, P>) {
         for (; c + P * lanes <= stride; c += P * lanes)
-            blend_channels<P>(visits, feature + c, stride, sums + c);
+            detail::blend_channels<P>(visits, feature + c, stride, sums + c);
     };
     blocks(std::integral_constant<int, 4>());
     blocks(std::integral_constant<int, 2>());
     blocks(std::integral_constant<int, 1>());
 }
+
+namespace detail {
 
 /// Draws a tile and its tangent. C few channels, or any number for C = 0.
 template <class V, int C, class A>
@@ -288,5 +298,7 @@ void blend_tile_jvp_lanes(const TangentScene<typename V::value_type>& moving, co
             }
         }
 }
+
+} // namespace detail
 
 } // namespace rye

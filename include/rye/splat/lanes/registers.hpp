@@ -63,15 +63,21 @@ struct Bundle {
     friend Bundle operator-(const Bundle& a) { return Bundle(0.0) - a; }
     Bundle& operator+=(const Bundle& b) { return *this = *this + b; }
 };
+
+namespace detail {
+
 template <class V, int N>
 struct RealOf<Bundle<V, N>> {
     using type = typename V::value_type;
 };
 
+} // namespace detail
+
 /// True if one instruction fills the lanes with a pair of numbers, over and over.
 template <class V>
-concept LoadsPairs = std::is_same_v<typename V::value_type, float> &&
-                     2 * LanesLike<V, double>::type::size == V::size;
+concept LoadsPairs =
+    std::is_same_v<typename V::value_type, float> && 2 * detail::LanesLike<V, double>::type::size ==
+    V::size;
 
 /// Returns n numbers over and over; n is 1, or 2 where pairs can be loaded.
 template <int n, class V>
@@ -81,7 +87,7 @@ template <int n, class V>
     } else {
         double pair;
         std::memcpy(&pair, numbers, sizeof pair);
-        return cast_bits<V>(typename LanesLike<V, double>::type(pair));
+        return detail::cast_bits<V>(typename detail::LanesLike<V, double>::type(pair));
     }
 }
 
@@ -106,6 +112,8 @@ template <class V>
 concept SixteenFloats =
     std::is_same_v<typename V::value_type, float> && V::size == 16 &&
     requires { typename V::register_type; } && sizeof(typename V::register_type) == 64;
+
+namespace detail {
 
 /// Returns a batch whose lanes 4 i + k, summed over i, are the sums of the lanes of x[k].
 template <SixteenFloats V>
@@ -192,5 +200,7 @@ void copy_features(const Scene<typename V::value_type>& scene, Index begin, Inde
         for (; c < stride; ++c) to[c] = T(0);
     }
 }
+
+} // namespace detail
 
 } // namespace rye

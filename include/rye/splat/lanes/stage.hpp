@@ -8,6 +8,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// A few numbers of as many Gaussians as there are lanes: row k holds number k of every lane.
 template <class V, int Rows>
 struct LaneBlock {
@@ -51,6 +53,8 @@ struct LaneShapes {
     }
 };
 
+} // namespace detail
+
 /// Returns true if n numbers are finite.
 template <class V>
 bool finite_numbers(const typename V::value_type* x, Index n) {
@@ -67,7 +71,7 @@ bool finite_numbers(const typename V::value_type* x, Index n) {
 /// As project_range, as many Gaussians at a time as there are lanes.
 template <class V, class A>
 void project_range_lanes(const SplatInput<A, typename V::value_type, NoDistortion>& from,
-                         ChunkRange r, RasterScratch<typename V::value_type>& scratch) {
+                         detail::ChunkRange r, RasterScratch<typename V::value_type>& scratch) {
     using T = typename V::value_type;
     const GaussianView<T>& g = from.gaussians;
     const Pinhole<T>& camera = from.camera;
@@ -79,33 +83,35 @@ void project_range_lanes(const SplatInput<A, typename V::value_type, NoDistortio
     const V cx(camera.cx), cy(camera.cy), zero(T(0));
     const bool look = accuracy.non_finite != NonFinite::trust;
     for (Index start = r.begin; start < e; start += lanes) {
-        const LaneShapes<V> in(g, [&](int lane) { return std::min(start + lane, e - 1); });
+        const detail::LaneShapes<V> in(g, [&](int lane) { return std::min(start + lane, e - 1); });
         const Projected<V, A::antialias> s = project<A::antialias>(in.shape(), lens);
         const V o = in.opacity();
-        const Splat<V> splat = make_splat(
-            s, V(select(o > zero, kept_opacity(s, o), V(T(1)))), accuracy);
-        const Footprint<V> f = footprint_of<A>(s, splat, cx, cy);
+        const Splat<V> splat =
+            make_splat(s, V(select(o > zero, detail::kept_opacity(s, o), V(T(1)))), accuracy);
+        const Footprint<V> f = detail::footprint_of<A>(s, splat, cx, cy);
         const V usable = in.usable();
         const auto seen = s.drawable && (o > zero) && (splat.log2_opacity > splat.cut);
 
-        LaneBlock<V, 17> out;
+        detail::LaneBlock<V, 17> out;
         const V* const values[17] = {&splat.x, &splat.y, &splat.ux, &splat.vx, &splat.vy,
                                      &splat.log2_opacity, &splat.cut, &splat.floor, &splat.depth,
                                      &f.x, &f.y, &f.radius, &f.covariance.xx, &f.covariance.xy,
                                      &f.covariance.yy, &f.determinant, &usable};
         for (int k = 0; k < 17; ++k) out.set(k, *values[k]);
-        LaneBlock<V, 1> visible;
+        detail::LaneBlock<V, 1> visible;
         visible.set(0, select(seen, V(T(1)), zero));
         const Cover<A::support, V> cover{f, camera.width, camera.height};
-        const PixelInterval<V> rows = cover.row_range();
-        LaneBlock<V, 2 + 2 * TileRows::most> range;    // range of pixels: rows, then columns
+        const detail::PixelInterval<V> rows = cover.row_range();
+        detail::LaneBlock<V, 2 + 2 * detail::TileRows::most>
+            range; // range of pixels: rows, then columns
         range.set(0, rows.begin);
         range.set(1, rows.end);
         const typename Cover<A::support, V>::Slabs slabs(cover);
-        V top = floor(rows.begin * V(T(1) / tile_edge)) * V(T(tile_edge));
-        for (int j = 0; j < TileRows::most; ++j) {
-            const V bottom = top + V(T(tile_edge));
-            const PixelInterval<V> px = slabs.pixels(max(top, rows.begin), min(bottom, rows.end));
+        V top = floor(rows.begin * V(T(1) / detail::tile_edge)) * V(T(detail::tile_edge));
+        for (int j = 0; j < detail::TileRows::most; ++j) {
+            const V bottom = top + V(T(detail::tile_edge));
+            const detail::PixelInterval<V> px =
+                slabs.pixels(max(top, rows.begin), min(bottom, rows.end));
             range.set(2 + 2 * j, px.begin);
             range.set(3 + 2 * j, px.end);
             top = bottom;
@@ -125,7 +131,7 @@ void project_range_lanes(const SplatInput<A, typename V::value_type, NoDistortio
             c.splat = {value(0), value(1), value(2), value(3), value(4),
                        value(5), value(6), value(7), value(8)};
             const auto span = [&](int k) {
-                return whole(PixelInterval<T>{range.row[k][lane], range.row[k + 1][lane]});
+                return whole(detail::PixelInterval<T>{range.row[k][lane], range.row[k + 1][lane]});
             };
             cull(i, span(0), value(9), camera, scratch);
             if (scratch.state[at] != Visibility::visible) continue;
@@ -142,6 +148,8 @@ void project_range_lanes(const SplatInput<A, typename V::value_type, NoDistortio
         }
     }
 }
+
+namespace detail {
 
 /// As merge_slots, for the 8 leading numbers and, in whole eights, the features.
 template <class Lanes>
@@ -257,5 +265,7 @@ void project_vjp_range_lanes(const SplatInput<A, typename V::value_type, NoDisto
         }
     }
 }
+
+} // namespace detail
 
 } // namespace rye

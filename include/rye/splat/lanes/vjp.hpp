@@ -15,6 +15,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// A group of entries on the tape.
 template <class V>
 struct TapeGroup {
@@ -91,8 +93,6 @@ Index record_tile(const Scene<typename V::value_type>& scene, const A& accuracy,
     return k - scene.begin(tile);
 }
 
-namespace detail {
-
 /// Places of the bits that are set in a byte, a byte each, from the first in memory on.
 inline constexpr auto bit_places = [] {
     std::array<std::uint64_t, 256> table{};
@@ -105,8 +105,6 @@ inline constexpr auto bit_places = [] {
     }
     return table;
 }();
-
-} // namespace detail
 
 /// Returns the strips of an entry's visits, in order; up to seven numbers behind them are written
 /// too.
@@ -124,6 +122,8 @@ int list_strips(const std::uint64_t* words, std::uint8_t* strip) {
     return n;
 }
 
+} // namespace detail
+
 /// Returns <cotangent, colour> of a strip's pixels, for a few channels. One expression for entries
 /// and background, so that equal colours give equal sums.
 template <class V, int C>
@@ -136,6 +136,8 @@ template <class V, int C>
     });
     return sum;
 }
+
+namespace detail {
 
 /// The strips of an entry's visits.
 struct VisitedStrips {
@@ -383,5 +385,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
         }
     }
 }
+
+} // namespace detail
 
 } // namespace rye

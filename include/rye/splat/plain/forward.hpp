@@ -14,23 +14,27 @@ namespace rye {
 
 /// One contribution to a pixel.
 template <class T>
-struct PixelContribution : Contribution<T> {
+struct PixelContribution : detail::Contribution<T> {
     Index entry;
     T u, v;                  ///< folded offsets
 };
+
+namespace detail {
 
 /// Blending of one pixel at a time.
 template <class A, class T>
 using PlainBlend = Blend<A, T, SinglePixel, Exp2Library>;
 
+} // namespace detail
+
 /// Visits the contributions to a pixel, near to far, and returns the transmittance
 /// behind them all.
 template <class A, class T, class Visit>
-T walk_pixel(const Scene<T>& scene, const A& accuracy, const TilePixel& at, Visit&& visit) {
+T walk_pixel(const Scene<T>& scene, const A& accuracy, const detail::TilePixel& at, Visit&& visit) {
     using R = real_t<T>;
     const Index tile = at.tile;
     const int x = at.x, y = at.y;
-    const PlainBlend<A, T> blend(accuracy);
+    const detail::PlainBlend<A, T> blend(accuracy);
     const T px = T(static_cast<R>(x) + R(0.5)) - scene.cx;
     const T py = T(static_cast<R>(y) + R(0.5)) - scene.cy;
     const Index begin = scene.begin(tile), end = scene.end(tile);
@@ -62,6 +66,8 @@ T walk_pixel(const Scene<T>& scene, const A& accuracy, const TilePixel& at, Visi
     return transmittance;
 }
 
+namespace detail {
+
 /// Draws one tile.
 template <class A, class T>
 void blend_tile(const Scene<T>& scene, const A& accuracy, Index tile, Raster<T, A::outputs>& out) {
@@ -92,5 +98,7 @@ void blend_tile(const Scene<T>& scene, const A& accuracy, Index tile, Raster<T, 
         }
     out.trace.used[static_cast<std::size_t>(tile)] = scene.end(tile) - scene.begin(tile);
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -18,7 +18,7 @@ void jvp_by_duals(const R& rasterizer, const B& backend, const RasterJvpInput<T,
     const Gaussians<T>* const moves = tangents.gaussians;
     const auto lift = [&](Columns<Number>& to, Index i, const T* x, const Columns<T>* dx) {
         for (Index k = 0; k < to.rows(); ++k)
-            to(k, i) = dual_of<T>(x[k], dx != nullptr ? (*dx)(k, i) : T(0));
+            to(k, i) = detail::dual_of<T>(x[k], dx != nullptr ? (*dx)(k, i) : T(0));
     };
     for (Index i = 0; i < g.count(); ++i) {
         lift(dual.mean, i, g.mean(i), moves != nullptr ? &moves->mean : nullptr);
@@ -28,8 +28,9 @@ void jvp_by_duals(const R& rasterizer, const B& backend, const RasterJvpInput<T,
         lift(dual.feature, i, g.feature_of(i), moves != nullptr ? &moves->feature : nullptr);
     }
     const ScalarBackend plain{backend.threads};
-    const auto raster = rasterizer.forward(plain, dual, dual_camera<T>(in.camera, tangents.camera),
-                                           VecX<Number>(in.background.template cast<Number>()));
+    const auto raster =
+        rasterizer.forward(plain, dual, detail::dual_camera<T>(in.camera, tangents.camera),
+                           VecX<Number>(in.background.template cast<Number>()));
     const auto split = [](const Image<Number>& x, Image<T>& value, Columns<T>& tangent) {
         value.width = x.width;
         value.height = x.height;

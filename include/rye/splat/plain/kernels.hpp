@@ -8,7 +8,7 @@
 #include <rye/splat/plain/stage.hpp>
 #include <rye/splat/plain/vjp.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// The kernels of Rasterizer as plain loops.
 template <class T>
@@ -46,4 +46,4 @@ struct SplatKernels : PlainSplatKernels<T> {
                   "rasterizer: this backend has lanes; include <rye/splat/lanes.hpp>");
 };
 
-} // namespace rye
+} // namespace rye::detail

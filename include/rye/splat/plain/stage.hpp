@@ -28,6 +28,8 @@ bool usable(const GaussianView<T>& g, Index i) {
     return bad == 0;
 }
 
+namespace detail {
+
 /// Returns the shape of Gaussian i. Reads columns of fixed length, so that the compiler sees no
 /// loop over a length it does not know.
 template <class T>
@@ -105,5 +107,7 @@ void project_vjp_range(const SplatInput<A, T, D>& in,
         out.opacity(0, i) = s.alpha / *g.opacity(i);
     }
 }
+
+} // namespace detail
 
 } // namespace rye

@@ -11,12 +11,12 @@ namespace rye {
 /// Adds the gradients of one tile's pixels to slots, which may be of a wider type S.
 template <class A, class T, class S>
 void blend_tile_vjp(const Scene<T>& scene, const A& accuracy,
-                    const std::type_identity_t<TileCotangent<T>>& cotangent,
+                    const std::type_identity_t<detail::TileCotangent<T>>& cotangent,
                     RasterScratch<S>& scratch, std::vector<PixelContribution<T>>& hits) {
     const RasterCotangent<T>& g = cotangent.images;
     const Index tile = cotangent.tile;
     const Index channels = scene.channels();
-    const PlainBlend<A, T> blend(accuracy);
+    const detail::PlainBlend<A, T> blend(accuracy);
     for (int y = scene.top(tile); y < scene.bottom(tile); ++y)
         for (int x = scene.left(tile); x < scene.right(tile); ++x) {
             hits.clear();
@@ -37,13 +37,13 @@ void blend_tile_vjp(const Scene<T>& scene, const A& accuracy,
                 const T* feature = scene.feature_of(h->entry);
                 const Index at = scene.slot(h->entry);
                 S* const slot = scratch.slots[at];
-                S* const g_feature = slot + PartialGradients<S>::head;
+                S* const g_feature = slot + detail::PartialGradients<S>::head;
                 if (!scratch.slots.is_touched(at)) {
                     scratch.slots.touched[static_cast<std::size_t>(at)] = 1;
                     std::fill_n(slot, scratch.slots.stride, S(0));
                 }
                 for (Index c = 0; c < channels; ++c) g_feature[c] += h->weight * g_pixel[c];
-                const PixelCotangent<T> g_here{{along(feature)}, g_alpha, g_depth};
+                const detail::PixelCotangent<T> g_here{{along(feature)}, g_alpha, g_depth};
                 blend.take_vjp(*h, h->u, h->v, scene.splat(h->entry), g_here, behind, slot);
             }
         }

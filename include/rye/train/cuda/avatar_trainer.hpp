@@ -73,8 +73,8 @@ class DeviceAvatarTrainer {
         smoothness_.set(queue, from.avatar, weights_, training.face_neighbours);
         if (training.bounds.growth > 0) {
             const Columns<float> most =
-                scale_bounds(from.avatar.eyes, static_cast<float>(training.bounds.growth),
-                             static_cast<float>(training.bounds.thickness));
+                detail::scale_bounds(from.avatar.eyes, static_cast<float>(training.bounds.growth),
+                                     static_cast<float>(training.bounds.thickness));
             most_.reserve(queue, static_cast<std::size_t>(most.size()));
             device.send(queue, most_.data(), most.data(), bytes_of(most.size()));
         }
@@ -202,13 +202,14 @@ class DeviceAvatarTrainer {
     /// Enqueues the work of a picture, and a step's end if it has no other picture.
     void put(const CudaQueue& queue, const StepDraw& d, Index rows) {
         const Host& host = avatar_.shapes();
-        DeviceStepNumbers* const numbers = numbers_.data();
-        device_.launch(queue, 1,
-                       BeginStepKernel{rows_.data(), rows, group_.share.count, rows_.places(),
-                                       state_.data(), numbers, avatar_.drivers(),
-                                       static_cast<int>(avatar_.driver_places().size)});
-        const DeviceStepPictures* truth = nullptr;
-        const DeviceStepImages p = images_.of(queue, views_, channels_, d.eyes_high);
+        detail::DeviceStepNumbers* const numbers = numbers_.data();
+        device_.launch(
+            queue, 1,
+            detail::BeginStepKernel{rows_.data(), rows, group_.share.count, rows_.places(),
+                                    state_.data(), numbers, avatar_.drivers(),
+                                    static_cast<int>(avatar_.driver_places().size)});
+        const detail::DeviceStepPictures* truth = nullptr;
+        const detail::DeviceStepImages p = images_.of(queue, views_, channels_, d.eyes_high);
         end_part(queue, "draw");
         branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
             if (k == 0) {
@@ -225,9 +226,9 @@ class DeviceAvatarTrainer {
         end_part(queue, "renders");
 
         if (d.scaled)
-            resize_into(
-                device_, queue,
-                ResizeKernel<float>{p.final.pixels, &numbers->scale, 1, p.scaled.pixels.data});
+            resize_into(device_, queue,
+                        detail::ResizeKernel<float>{p.final.pixels, &numbers->scale, 1,
+                                                    p.scaled.pixels.data});
         upsampler_.forward_into(queue, d.scaled ? p.scaled : p.final, p.high, trace_[0]);
         if (d.eyes_high) upsampler_.forward_into(queue, p.eyes, p.eyes_high, trace_[1]);
         end_part(queue, "super-resolution");
@@ -252,7 +253,7 @@ class DeviceAvatarTrainer {
     struct Renders {
         Render of[step_renders]; ///< all, the face alone, the eyes alone
     };
-    Renders renders(const CudaQueue& queue, const StepDraw& d, const DeviceStepImages& p,
+    Renders renders(const CudaQueue& queue, const StepDraw& d, const detail::DeviceStepImages& p,
                     const float* blank) {
         const DeviceGaussians<float>& cloud = avatar_.cloud();
         const Index n = avatar_.face_count(), e = avatar_.eye_count(), C = channels_;
@@ -261,14 +262,14 @@ class DeviceAvatarTrainer {
         float* const eye_colours = colours_.data() + 3 * n;
         part_[0].reserve(queue, n, 3);
         part_[1].reserve(queue, e, C);
-        DeviceGaussians<float> face = columns_from(cloud, {0, n}),
+        DeviceGaussians<float> face = detail::columns_from(cloud, {0, n}),
                                eyes = avatar_.eye_gaussians();
         face.feature = {colours_.data(), 3, n};
         if (!d.eyes_high) eyes.feature = {eye_colours, 3, e};
         launch_each(device_, queue, n + e,
-                    ShownColours{cloud.feature.data, C, n, colours_.data(),
-                                 d.eyes_high ? nullptr : eye_colours});
-        DeviceGaussians<float> g_face = columns_from(part_[0].view(), {0, n});
+                    detail::ShownColours{cloud.feature.data, C, n, colours_.data(),
+                                         d.eyes_high ? nullptr : eye_colours});
+        DeviceGaussians<float> g_face = detail::columns_from(part_[0].view(), {0, n});
         DeviceGaussians<float> g_eyes = part_[1].view();
         g_eyes.feature.rows = of_eyes;
         return {{{cloud, avatar_.g_cloud(queue), white_.data(), p.final, p.g_final, p.alpha[0]},
@@ -284,8 +285,8 @@ class DeviceAvatarTrainer {
         });
     }
     /// Computes values and cotangents of all terms.
-    void compare(const CudaQueue& queue, const StepDraw& d, const DeviceStepImages& p,
-                 const DeviceStepPictures& truth) {
+    void compare(const CudaQueue& queue, const StepDraw& d, const detail::DeviceStepImages& p,
+                 const detail::DeviceStepPictures& truth) {
         const auto picture = [](const float* data, const DevicePicture<float>& like) {
             return DevicePicture<const float>{{data, 3, like.pixels.cols}, like.width, like.height};
         };
@@ -307,19 +308,19 @@ class DeviceAvatarTrainer {
         smoothness_.into(queue, avatar_, gradient_, losses_);
     }
     /// Adds the gradient of all terms to gradient_.
-    void back(const CudaQueue& queue, const StepDraw& d, const DeviceStepImages& p,
+    void back(const CudaQueue& queue, const StepDraw& d, const detail::DeviceStepImages& p,
               const Renders& r) {
         const DeviceUpsamplerParameters to =
             device_upsampler(gradient_, avatar_.shapes().upsampler);
         const auto add = [&](const DevicePicture<float>& g) {
             launch_each(device_, queue, g.pixels.size(),
-                        AddNumbers{p.g_feature.pixels.data, g.pixels.data});
+                        detail::AddNumbers{p.g_feature.pixels.data, g.pixels.data});
         };
         upsampler_.vjp_into(queue, trace_[0], p.g_high.pixels, {to, p.g_feature.pixels});
         if (d.scaled)
             resize_vjp_into(device_, queue,
-                            ResizeVjpKernel{p.g_feature.pixels, &numbers_.data()->scale,
-                                            p.g_final.pixels.data});
+                            detail::ResizeVjpKernel{p.g_feature.pixels, &numbers_.data()->scale,
+                                                    p.g_final.pixels.data});
         else
             add(p.g_final);
         if (d.eyes_high) {
@@ -334,25 +335,26 @@ class DeviceAvatarTrainer {
                                  {own.g_feature.pixels}, own.gradient, *frame_[k]);
         });
         launch_each(device_, queue, avatar_.face_count() + avatar_.eye_count(),
-                    JoinGradients{r.of[0].gradient, r.of[1].gradient, r.of[2].gradient,
-                                  avatar_.face_count()});
-        smoothness_.add_into(
-            queue, columns_from(avatar_.g_cloud(queue), {avatar_.face_count(), avatar_.eye_count()})
-                       .feature);
+                    detail::JoinGradients{r.of[0].gradient, r.of[1].gradient, r.of[2].gradient,
+                                          avatar_.face_count()});
+        smoothness_.add_into(queue,
+                             detail::columns_from(avatar_.g_cloud(queue),
+                                                  {avatar_.face_count(), avatar_.eye_count()})
+                                 .feature);
         end_part(queue, "renders, back");
         avatar_.vjp_into(queue, gradient_);
         end_part(queue, "drive, back");
     }
     /// Enqueues the stop of a step whose lists had no room.
     void look_at_room(const CudaQueue& queue) {
-        RoomKernel room{{}, avatar_.rooms(), state_.data()};
+        detail::RoomKernel room{{}, avatar_.rooms(), state_.data()};
         for (std::size_t k = 0; k < step_renders; ++k)
             room.render[k] = {frame_[k]->m.report, frame_[k]->m.entries, frame_[k]->m.groups};
         device_.launch(queue, 1, room);
     }
     /// Enqueues a step's sums, the optimiser's step, the centring of corrections, bounds, counts.
     void step_end(const CudaQueue& queue) {
-        const DeviceAdamControl* const control = &state_.data()->control;
+        const detail::DeviceAdamControl* const control = &state_.data()->control;
         const float* const gradient =
             group_.single() ? gradient_.data() : sums_.close_into(queue, state_.data());
         adam_.step_into(queue, avatar_.parameters(), gradient, control);
@@ -361,10 +363,10 @@ class DeviceAvatarTrainer {
         if (most_.size() > 0) {
             const DeviceColumns<float> scales = avatar_.parameters().of(host.eyes.log_scale);
             launch_each(device_, queue, scales.size(),
-                        BoundNumbers{control, most_.data(), scales.data});
+                        detail::BoundNumbers{control, most_.data(), scales.data});
         }
         const LossReport* const losses = group_.single() ? losses_.report() : sums_.losses();
-        device_.launch(queue, 1, EndStepKernel{adam_.state(), losses, state_.data()});
+        device_.launch(queue, 1, detail::EndStepKernel{adam_.state(), losses, state_.data()});
         end_part(queue, "optimiser");
     }
 
@@ -382,18 +384,18 @@ class DeviceAvatarTrainer {
     DeviceImageLosses<Device, Perceptual> losses_;
     DeviceSmoothnessTerms<E, Device> smoothness_;
     Index channels_; ///< channels of a render
-    DeviceCentring<E, Device> centring_;
+    detail::DeviceCentring<E, Device> centring_;
     DeviceStepGroup group_;
-    DeviceStepSums<Device> sums_; ///< of steps of several pictures or ranks
-    DeviceCloudBuffer part_[2];   ///< gradients of the face's and of the eyes' render
-    DeviceStepImageMemory images_;
+    detail::DeviceStepSums<Device> sums_; ///< of steps of several pictures or ranks
+    detail::DeviceCloudBuffer part_[2];   ///< gradients of the face's and of the eyes' render
+    detail::DeviceStepImageMemory images_;
     DeviceBuffer<float> colours_, white_, most_;
-    DeviceBuffer<DeviceStepState> state_;
-    DeviceBuffer<DeviceStepNumbers> numbers_;
-    DeviceStepRows<Device> rows_;
-    DeviceStepState here_{}; ///< host copy of state_
+    DeviceBuffer<detail::DeviceStepState> state_;
+    DeviceBuffer<detail::DeviceStepNumbers> numbers_;
+    detail::DeviceStepRows<Device> rows_;
+    detail::DeviceStepState here_{}; ///< host copy of state_
     Index steps_ = 0;
-    KeptGraphs<Device, Kind, Key> graphs_;
+    detail::KeptGraphs<Device, Kind, Key> graphs_;
 };
 
 } // namespace rye

@@ -7,7 +7,7 @@
 #include <rye/train/centring.hpp>
 #include <rye/train/view_gauge.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Kernel that subtracts from each row its mean over columns, if the optimiser has applied its
 /// step.
@@ -113,4 +113,4 @@ class DeviceCentring {
     Index modes_ = 0;           ///< of gauge_
 };
 
-} // namespace rye
+} // namespace rye::detail

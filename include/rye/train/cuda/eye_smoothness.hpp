@@ -8,7 +8,7 @@
 #include <rye/loss/cuda/smoothness.hpp>
 #include <rye/train/avatar_trainer.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Smoothness term of an avatar's eyes, with its graph and memory on the device.
 template <DeviceEffects E, class Device>
@@ -64,4 +64,4 @@ class DeviceEyeSmoothness {
     [[no_unique_address]] PresentIf<!of_parameters, FeaturesAreConstants, DeviceBuffer<float>> g_;
 };
 
-} // namespace rye
+} // namespace rye::detail

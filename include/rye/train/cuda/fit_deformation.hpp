@@ -111,7 +111,7 @@ class DeviceDeformationFit {
     using Mesh = GuidanceMesh<float, E>;
     using Networks = detail::DeformationNetworks<E>;
     using Frame = detail::FittedFrame<float, E>;
-    using OneField = DeviceField<Device, Tiles, typename NetworksOf<E>::Activation>;
+    using OneField = detail::DeviceField<Device, Tiles, typename detail::NetworksOf<E>::Activation>;
 
   public:
     /// Returns true if the networks fit the tiles.
@@ -138,7 +138,7 @@ class DeviceDeformationFit {
           gradient_(device, queue, layout_),
           adam_(device, queue, layout_) {
         GeometryTrace<float> geometry;
-        LandmarkPlaces<float, E> places;
+        detail::LandmarkPlaces<float, E> places;
         place_landmarks(backend, mesh, stage, geometry, places);
         code_rows_ = places.code.rows();
         send(places.shifted, shifted_);
@@ -164,7 +164,7 @@ class DeviceDeformationFit {
         reserve(kept_, Index(steps_at_once) * fit.batch);
         reserve(step_, 1);
         reserve(control_, 1);
-        const DeviceAdamControl whole{};
+        const detail::DeviceAdamControl whole{};
         device.send(queue, control_.data(), &whole, sizeof whole);
         for (int f = 0; f < fit.batch; ++f)
             lanes_.push_back(std::make_unique<Lane>(device, *this, f));
@@ -211,7 +211,9 @@ class DeviceDeformationFit {
         DeviceBuffer<float> lambda;
         Index count = 0, code = 0;
 
-        DeviceInfluenced set() const { return {{which.data(), nullptr}, count, lambda.data()}; }
+        detail::DeviceInfluenced set() const {
+            return {{which.data(), nullptr}, count, lambda.data()};
+        }
     };
     /// A frame of a step.
     struct Lane {
@@ -230,8 +232,8 @@ class DeviceDeformationFit {
             gradient = fit.each_.data() + number * fit.layout_.size();
             square = fit.squares_.data() + number;
         }
-        DeviceFieldScratch scratch;
-        FaceFields<std::unique_ptr<OneField>, E> fields;
+        detail::DeviceFieldScratch scratch;
+        detail::FaceFields<std::unique_ptr<OneField>, E> fields;
         DeviceBuffer<float> deformed, g;
         DeviceBuffer<float> g_lambda; ///< written by the fields, not read
         DeviceSums<Device> sums;
@@ -260,7 +262,7 @@ class DeviceDeformationFit {
     template <Backend B>
     void set_influence(const B& backend, const Columns<float>& lambda, Influenced& to) {
         send(lambda, to.lambda);
-        const std::vector<Index> set = influenced(backend, lambda);
+        const std::vector<Index> set = detail::influenced(backend, lambda);
         const std::vector<std::uint32_t> which(set.begin(), set.end());
         to.count = static_cast<Index>(which.size());
         to.which.reserve(queue_, which.size() + 1);
@@ -305,7 +307,7 @@ class DeviceDeformationFit {
         };
         device_.fill(queue, lane.gradient, 0,
                      static_cast<std::size_t>(layout_.size()) * sizeof(float));
-        launch_each(device_, queue, numbers, CopyNumbers{shifted_.data(), deformed.data});
+        launch_each(device_, queue, numbers, detail::CopyNumbers{shifted_.data(), deformed.data});
         each([&](auto by, OneField& field) {
             const auto& moved = by.deform(influenced_);
             field.set(queue, device_parameters(by.deform(networks_), with(parameters_.data())),
@@ -339,13 +341,13 @@ class DeviceDeformationFit {
     Resident<Networks, Device> parameters_, gradient_;
     DeviceAdam<Networks, Device> adam_;
     DeviceBuffer<float> shifted_, code_, of_landmark_;
-    FaceFields<Influenced, E> influenced_;
+    detail::FaceFields<Influenced, E> influenced_;
     DeviceBuffer<float> draws_, now_, each_, squares_, kept_;
     DeviceBuffer<std::uint32_t> step_;
-    DeviceBuffer<DeviceAdamControl> control_;
+    DeviceBuffer<detail::DeviceAdamControl> control_;
     DeviceBranches<Device> branches_; // frames have memory that goes back through them
     std::vector<std::unique_ptr<Lane>> lanes_;
-    KeptGraphs<Device, int, int> graphs_;
+    detail::KeptGraphs<Device, int, int> graphs_;
 };
 
 /// Does what fit_deformation does with networks and optimiser on a device. Throws an Error unless

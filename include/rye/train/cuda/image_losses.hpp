@@ -44,6 +44,8 @@ struct DeviceAvatarCotangents {
     DevicePicture<float> high, eyes_high;
 };
 
+namespace detail {
+
 /// Target of face_alone_target, pixel by pixel.
 template <class P>
 struct FaceAloneTarget {
@@ -73,6 +75,8 @@ struct BlankTarget {
     RYE_HD float mask(Index i) const { return unit_value(eyes[i]); }
     RYE_HD RgbTarget at(Index i) const { return {mask(i), {{blank[0], blank[1], blank[2]}}}; }
 };
+
+} // namespace detail
 
 /// Returns the losses of a report, whose values are in the order of AvatarLosses' fields.
 inline AvatarLosses<float> avatar_losses(const LossReport& report) {
@@ -152,9 +156,9 @@ class DeviceImageLosses {
                        const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
         clear(queue, g.high.pixels);
         const DeviceAvatarImages<P> seen = images.scale != nullptr ? moved(queue, images) : images;
-        terms_[0] =
-            high_.into(queue, p.high.pixels, PictureTarget<P>{seen.truth.pixels.data, seen.visible},
-                       weights.high_resolution, g.high.pixels);
+        terms_[0] = high_.into(queue, p.high.pixels,
+                               detail::PictureTarget<P>{seen.truth.pixels.data, seen.visible},
+                               weights.high_resolution, g.high.pixels);
         terms_[2] = perceptual_->into(queue, p.high, seen.truth, weights.perceptual, g.high);
         if (weights.dssim > 0)
             terms_[3] = dssim_.into(queue, p.high, seen.truth, weights.dssim, g.high);
@@ -165,9 +169,10 @@ class DeviceImageLosses {
                       const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
         clear(queue, g.final), clear(queue, g.face), clear(queue, g.eyes);
         terms_[1] = low_.into(
-            queue, p.final, PictureTarget<P>{images.truth_small.pixels.data, images.visible_small},
+            queue, p.final,
+            detail::PictureTarget<P>{images.truth_small.pixels.data, images.visible_small},
             weights.low_resolution, g.final);
-        const PictureTarget<P> small{images.truth_small.pixels.data, images.eyes_small};
+        const detail::PictureTarget<P> small{images.truth_small.pixels.data, images.eyes_small};
         terms_[4] = eye_low_.into(queue, p.eyes, small, weights.eye_low, g.eyes);
         face_terms(queue, images, p, g);
     }
@@ -177,22 +182,22 @@ class DeviceImageLosses {
                         const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
         clear(queue, g.eyes_high.pixels);
         if (!images.eyes_high) return;
-        const PictureTarget<P> full{images.truth.pixels.data, images.eyes};
+        const detail::PictureTarget<P> full{images.truth.pixels.data, images.eyes};
         terms_[5] = eye_high_.into(queue, p.eyes_high.pixels, full,
                                    weights.eye_high * weights.eye_high_every, g.eyes_high.pixels);
     }
     template <class P>
     void face_terms(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
                     const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
-        const BlankTarget<P> target{images.eyes_small, images.blank};
+        const detail::BlankTarget<P> target{images.eyes_small, images.blank};
         terms_[6] = blank_.into(queue, p.face, target, weights.blank, g.face);
         if (weights.face_alone > 0) {
-            const FaceAloneTarget<P> alone{images.truth_small.pixels.data,
-                                           images.visible_small,
-                                           images.eyes_small,
-                                           images.mask_small,
-                                           images.background,
-                                           images.blank};
+            const detail::FaceAloneTarget<P> alone{images.truth_small.pixels.data,
+                                                   images.visible_small,
+                                                   images.eyes_small,
+                                                   images.mask_small,
+                                                   images.background,
+                                                   images.blank};
             terms_[7] = alone_.into(queue, p.face, alone, weights.face_alone, g.face);
         }
     }
@@ -206,9 +211,10 @@ class DeviceImageLosses {
         P* const visible = truth + 3 * pixels;
         const int factor = images.truth.width / images.truth_small.width;
         resize_into(device_, queue,
-                    ResizeKernel<P>{images.truth.pixels, images.scale, factor, truth});
-        resize_into(device_, queue,
-                    ResizeKernel<P>{{images.visible, 1, pixels}, images.scale, factor, visible});
+                    detail::ResizeKernel<P>{images.truth.pixels, images.scale, factor, truth});
+        resize_into(
+            device_, queue,
+            detail::ResizeKernel<P>{{images.visible, 1, pixels}, images.scale, factor, visible});
         r.truth.pixels.data = truth;
         r.visible = visible;
         return r;
@@ -221,13 +227,13 @@ class DeviceImageLosses {
                       const DeviceAvatarCotangents& g) {
         const char* const who = "image losses";
         const auto &t = images.truth, &s = images.truth_small;
-        require_picture(who, "truth", t, 3, t.width, t.height);
-        require_picture(who, "small truth", s, 3, s.width, s.height);
-        require_picture(who, "final picture", p.high, 3, t.width, t.height);
-        require_picture(who, "its gradient", g.high, 3, t.width, t.height);
+        detail::require_picture(who, "truth", t, 3, t.width, t.height);
+        detail::require_picture(who, "small truth", s, 3, s.width, s.height);
+        detail::require_picture(who, "final picture", p.high, 3, t.width, t.height);
+        detail::require_picture(who, "its gradient", g.high, 3, t.width, t.height);
         if (images.eyes_high) {
-            require_picture(who, "picture of the eyes", p.eyes_high, 3, t.width, t.height);
-            require_picture(who, "its gradient", g.eyes_high, 3, t.width, t.height);
+            detail::require_picture(who, "picture of the eyes", p.eyes_high, 3, t.width, t.height);
+            detail::require_picture(who, "its gradient", g.eyes_high, 3, t.width, t.height);
         }
         const auto render = [&](const char* what, Index cols) {
             require(cols == s.pixels.cols, who, what, " has ", cols, " pixels, expected ",

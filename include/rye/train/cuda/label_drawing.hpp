@@ -17,6 +17,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Numbers of Gaussians with their first three features.
 struct KeepColours {
     static constexpr const char* name = "Gaussians' colours";
@@ -116,6 +118,8 @@ struct AddChunks {
     }
 };
 
+} // namespace detail
+
 /// LabelDrawing on a device. Policy: as DeviceDrawingPolicy, with kernels of 3 channels.
 template <DeviceEffects E, class Device, class Policy = DeviceDrawingPolicy<>>
     requires RefinedEffects<E>
@@ -142,20 +146,21 @@ class DeviceLabelDrawing {
         drawer_.drive(queue_, labels);
         const DeviceGaussians<float>& driven = drawer_.avatar().cloud();
         gaussians_.reserve(queue_, driven.count(), 3);
-        launch_each(device_, queue_, driven.count(), KeepColours{driven, gaussians_.view()});
+        launch_each(device_, queue_, driven.count(),
+                    detail::KeepColours{driven, gaussians_.view()});
     }
     void differentiate(const Labels& labels, const std::vector<Labels>& moved, double apart) {
         drive(labels);
         while (tangents_.size() < moved.size())
-            tangents_.push_back(std::make_unique<DeviceCloudBuffer>());
+            tangents_.push_back(std::make_unique<detail::DeviceCloudBuffer>());
         count_ = moved.size();
         for (std::size_t k = 0; k < count_; ++k) {
             drawer_.drive(queue_, moved[k]);
             const DeviceGaussians<float>& driven = drawer_.avatar().cloud();
             tangents_[k]->reserve(queue_, driven.count(), 3);
             launch_each(device_, queue_, driven.count(),
-                        ColourDifference{driven, gaussians_.view(), tangents_[k]->view(),
-                                         static_cast<float>(1 / apart)});
+                        detail::ColourDifference{driven, gaussians_.view(), tangents_[k]->view(),
+                                                 static_cast<float>(1 / apart)});
         }
     }
     const Columns<float>& picture(const LabelView<float>& view) {
@@ -189,8 +194,9 @@ class DeviceLabelDrawing {
         derive(view);
         const std::vector<std::uint32_t> pixel(colours.pixels.begin(), colours.pixels.end());
         const Index pixels = static_cast<Index>(pixel.size()), n = static_cast<Index>(count_);
-        const Index chunks = ColumnProductsKernel::chunks_of(pixels), size = (n + 1) * (n + 1);
-        const Index tiles = ColumnProductsKernel::tiles_of(n);
+        const Index chunks = detail::ColumnProductsKernel::chunks_of(pixels),
+                    size = (n + 1) * (n + 1);
+        const Index tiles = detail::ColumnProductsKernel::tiles_of(n);
         pixel_.reserve(queue_, pixel.size() + 1);
         device_.send(queue_, pixel_.data(), pixel.data(), pixel.size() * sizeof pixel[0]);
         weights_.reserve(queue_, static_cast<std::size_t>(6 * pixels) + 1);
@@ -200,10 +206,10 @@ class DeviceLabelDrawing {
         partial_.reserve(queue_, static_cast<std::size_t>((chunks + 1) * size));
         device_.launch(
             queue_, chunks * tiles * tiles,
-            ColumnProductsKernel{derivatives_.data(), 3 * pixels_of(view), n, pixel_.data(),
-                                 weights_.data(), residual, pixels, partial_.data()});
+            detail::ColumnProductsKernel{derivatives_.data(), 3 * pixels_of(view), n, pixel_.data(),
+                                         weights_.data(), residual, pixels, partial_.data()});
         double* const sum = partial_.data() + chunks * size;
-        launch_each(device_, queue_, size, AddChunks{partial_.data(), chunks, size, sum});
+        launch_each(device_, queue_, size, detail::AddChunks{partial_.data(), chunks, size, sum});
         Columns<double> r(n + 1, n + 1);
         device_.fetch(queue_, r.data(), sum, bytes<double>(size));
         return r;
@@ -236,7 +242,7 @@ class DeviceLabelDrawing {
         const auto n = static_cast<Index>(count_);
         // After the columns' colours two images of alpha, which nobody reads.
         derivatives_.reserve(queue_, static_cast<std::size_t>((3 * n + 2) * pixels) + 1);
-        std::vector<DeviceDirection<>> directions(count_);
+        std::vector<detail::DeviceDirection<>> directions(count_);
         for (Index k = 0; k < n; ++k)
             directions[static_cast<std::size_t>(k)] = {
                 tangents_[static_cast<std::size_t>(k)]->view(),
@@ -254,10 +260,10 @@ class DeviceLabelDrawing {
     DeviceAvatarDrawer<E, Device, Policy> drawer_;
     DeviceRasterizer<typename Policy::Accuracy, Device, typename Policy::Channels> rasterizer_;
     DeviceFrame<Device> frame_;
-    DeviceCloudBuffer gaussians_;                              ///< of the labels, of 3 channels
-    std::vector<std::unique_ptr<DeviceCloudBuffer>> tangents_; ///< by unknown
+    detail::DeviceCloudBuffer gaussians_; ///< of the labels, of 3 channels
+    std::vector<std::unique_ptr<detail::DeviceCloudBuffer>> tangents_; ///< by unknown
     std::size_t count_ = 0;                                    ///< unknowns
-    DeviceBuffer<SplatRecord> splats_;
+    DeviceBuffer<detail::SplatRecord> splats_;
     DeviceBuffer<float> background_, drawn_, derivatives_;
     DeviceBuffer<std::uint32_t> pixel_;
     DeviceBuffer<double> weights_, partial_;

@@ -51,7 +51,7 @@ class DeviceRankSum {
         ranks.exchange(queue, x, parts_.data(), p);
         const auto of = [&](int r) { return parts_.data() + r * p; };
         tree_sum(size, [&](int to, int from) {
-            launch_each(device_, queue, p, AddNumbers{of(from), of(to)});
+            launch_each(device_, queue, p, detail::AddNumbers{of(from), of(to)});
         });
         ranks.gather(queue, of(0), x, p);
     }

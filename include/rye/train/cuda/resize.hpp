@@ -17,8 +17,6 @@ RYE_HD P unit_of() {
     return std::is_same_v<P, float> ? P(1) : P(255);
 }
 
-} // namespace detail
-
 /// Resizes a picture.
 template <class P>
 struct ResizeKernel {
@@ -79,15 +77,19 @@ struct ResizeVjpKernel {
     }
 };
 
+} // namespace detail
+
 /// Writes `to`, of the shape of `from`: `factor` times the size of the resizing, which is in device
 /// memory.
 template <class Device, class P>
-void resize_into(const Device& device, const CudaQueue& queue, const ResizeKernel<P>& kernel) {
+void resize_into(const Device& device, const CudaQueue& queue,
+                 const detail::ResizeKernel<P>& kernel) {
     device.launch(queue, kernel.blocks_of(), kernel);
 }
 /// Adds to `to` the cotangent of the source of a resizing without a factor, of the shape of `g`.
 template <class Device>
-void resize_vjp_into(const Device& device, const CudaQueue& queue, const ResizeVjpKernel& kernel) {
+void resize_vjp_into(const Device& device, const CudaQueue& queue,
+                     const detail::ResizeVjpKernel& kernel) {
     device.launch(queue, kernel.blocks_of(), kernel);
 }
 

@@ -20,7 +20,7 @@ class DeviceSmoothnessTerms {
     void set(const CudaQueue& queue, const TwoStream<float, E>& avatar,
              const AvatarLossConfig& weights, const FaceNeighbours& face) {
         weights_ = weights;
-        require_face_neighbours(weights, face, avatar.face.position.cols());
+        detail::require_face_neighbours(weights, face, avatar.face.position.cols());
         if (weights.eye_smooth > 0)
             eyes_.set(queue, avatar.eyes, avatar.upsampler.shape.in_channels);
         if (weights.face_smooth > 0) near_.set(queue, face.near);
@@ -52,7 +52,7 @@ class DeviceSmoothnessTerms {
 
   private:
     AvatarLossConfig weights_;
-    DeviceEyeSmoothness<E, Device> eyes_;
+    detail::DeviceEyeSmoothness<E, Device> eyes_;
     DeviceSmoothness<Device> near_, mirror_; ///< of the face
 };
 

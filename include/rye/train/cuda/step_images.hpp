@@ -5,7 +5,7 @@
 
 #include <rye/train/cuda/step_kernels.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Pictures of a step in device memory.
 struct DeviceStepImages {
@@ -55,4 +55,4 @@ class DeviceStepImageMemory {
     DeviceBuffer<float> floats_;
 };
 
-} // namespace rye
+} // namespace rye::detail

@@ -20,6 +20,8 @@ namespace rye {
 /// Number of renders of a step: all, the face alone, the eyes alone.
 inline constexpr int step_renders = 3;
 
+namespace detail {
+
 /// State of a run's steps, in device memory.
 struct DeviceStepState {
     DeviceAdamControl control; ///< of the current step; stop: memory was too small
@@ -200,5 +202,7 @@ struct EndStepKernel {
         });
     }
 };
+
+} // namespace detail
 
 } // namespace rye

@@ -9,7 +9,7 @@
 
 #include <rye/train/cuda/step_kernels.hpp>
 
-namespace rye {
+namespace rye::detail {
 
 /// Draws of a run of steps.
 template <class Device>
@@ -62,4 +62,4 @@ class DeviceStepRows {
     std::vector<Index> before_;  ///< number of them before each draw
 };
 
-} // namespace rye
+} // namespace rye::detail

@@ -12,6 +12,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Numbers behind a step's gradient: losses, their total, and flags of any rank.
 struct StepTail {
     static constexpr Index total = LossReport::most, stop = total + 1, ask = total + 2,
@@ -67,6 +69,8 @@ struct TakeTail {
     }
 };
 
+} // namespace detail
+
 /// How the steps of a trainer are shared: its pictures of each step and, if there are several
 /// ranks, its end of their group, which must outlive the trainer.
 struct DeviceStepGroup {
@@ -77,6 +81,8 @@ struct DeviceStepGroup {
     /// True if a step is one picture of one rank, for which nothing is summed.
     bool single() const { return share.all == 1 && ranks == nullptr; }
 };
+
+namespace detail {
 
 /// Sums of a step.
 template <class Device>
@@ -141,5 +147,7 @@ class DeviceStepSums {
     DeviceRankSum<Device> over_ranks_;
     DeviceBuffer<LossReport> mean_;
 };
+
+} // namespace detail
 
 } // namespace rye

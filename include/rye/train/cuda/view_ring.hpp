@@ -63,7 +63,7 @@ class ViewRing {
     using BranchOf = typename D::Branch;
     struct Place {
         DeviceBuffer<std::uint8_t> memory;
-        std::unique_ptr<MemberType<Device, BranchOf>> branch;
+        std::unique_ptr<detail::MemberType<Device, BranchOf>> branch;
     };
 
     Place& at(Index j) { return place_[static_cast<std::size_t>(j % places)]; }

@@ -19,6 +19,8 @@
 
 namespace rye {
 
+namespace detail {
+
 /// Arrays of a view in device memory.
 struct DeviceViewPlace {
     const std::uint8_t *rgb, *mask, *visible, *eyes;
@@ -68,6 +70,8 @@ struct StepPicturesAt {
         to.mask_small[i] = mask / count;
     }
 };
+
+} // namespace detail
 
 /// Views of a training, and the pictures of the current step.
 template <class Device>
@@ -174,22 +178,24 @@ class DeviceViews {
 
     /// Returns the views' arrays, in device memory, and behind them those of fetched views; waits
     /// if views were added since the last call. Entries of views on the host are not to be read.
-    const DeviceViewPlace* places(const CudaQueue& queue) {
+    const detail::DeviceViewPlace* places(const CudaQueue& queue) {
         if (sent_ != kept_.size()) {
-            std::vector<DeviceViewPlace> all;
+            std::vector<detail::DeviceViewPlace> all;
             for (const auto& k : kept_) all.push_back(place_at(k->data()));
             if (ring_->bytes() > 0)
                 for (Index k = 0; k < ViewRing<Device>::places; ++k)
                     all.push_back(place_at(ring_->place(k)));
             table_.reserve(queue, all.size());
-            device_.send(queue, table_.data(), all.data(), all.size() * sizeof(DeviceViewPlace));
+            device_.send(queue, table_.data(), all.data(),
+                         all.size() * sizeof(detail::DeviceViewPlace));
             sent_ = kept_.size();
         }
         return table_.data();
     }
 
     /// Enqueues the float pictures of a view, whose arrays are read on the device.
-    const DeviceStepPictures& into(const CudaQueue& queue, const DeviceViewPlace* view) {
+    const detail::DeviceStepPictures& into(const CudaQueue& queue,
+                                           const detail::DeviceViewPlace* view) {
         const std::size_t full = static_cast<std::size_t>(pixels()),
                           small = static_cast<std::size_t>(small_pixels());
         floats_.reserve(queue, 5 * full + 6 * small + 1);
@@ -201,7 +207,7 @@ class DeviceViews {
         pictures_ = {take(3 * full), take(full),  take(full), take(3 * small),
                      take(small),    take(small), take(small)};
         launch_each(device_, queue, small_pixels(),
-                    StepPicturesAt{view, pictures_, width_, factor_});
+                    detail::StepPicturesAt{view, pictures_, width_, factor_});
         return pictures_;
     }
 
@@ -218,7 +224,7 @@ class DeviceViews {
 
   private:
     /// Returns where a view's arrays are in its memory.
-    DeviceViewPlace place_at(const std::uint8_t* memory) const {
+    detail::DeviceViewPlace place_at(const std::uint8_t* memory) const {
         const auto n = static_cast<std::size_t>(pixels());
         const std::uint8_t* const rgb = memory + drivers_;
         return {rgb, rgb + 3 * n, rgb + 4 * n, rgb + 5 * n, reinterpret_cast<const float*>(memory)};
@@ -258,10 +264,10 @@ class DeviceViews {
     std::unique_ptr<DeviceArena> host_; ///< page-locked memory; null: all views are on the device
     std::size_t most_ = 0, bytes_on_host_ = 0, drivers_ = 0; ///< [bytes]; drivers of a view
     std::unique_ptr<ViewRing<Device>> ring_;
-    DeviceBuffer<DeviceViewPlace> table_;
+    DeviceBuffer<detail::DeviceViewPlace> table_;
     std::size_t sent_ = 0;
     DeviceBuffer<float> floats_;
-    DeviceStepPictures pictures_{};
+    detail::DeviceStepPictures pictures_{};
 };
 
 } // namespace rye
