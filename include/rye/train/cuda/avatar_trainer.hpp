@@ -337,10 +337,9 @@ class DeviceAvatarTrainer {
         launch_each(device_, queue, avatar_.face_count() + avatar_.eye_count(),
                     detail::JoinGradients{r.of[0].gradient, r.of[1].gradient, r.of[2].gradient,
                                           avatar_.face_count()});
-        smoothness_.add_into(queue,
-                             detail::columns_from(avatar_.g_cloud(queue),
-                                                  {avatar_.face_count(), avatar_.eye_count()})
-                                 .feature);
+        const auto g_eyes = detail::columns_from(avatar_.g_cloud(queue),
+                                                 {avatar_.face_count(), avatar_.eye_count()});
+        smoothness_.add_into(queue, g_eyes.feature);
         end_part(queue, "renders, back");
         avatar_.vjp_into(queue, gradient_);
         end_part(queue, "drive, back");
