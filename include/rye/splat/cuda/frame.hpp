@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/cuda/frame.hpp: device memory of a frame, which a render fills and its vjp reads. It is
-/// reserved when a frame is shaped, never while it is drawn.
+/// rye/splat/cuda/frame.hpp: device memory of a frame, which a render fills and its vjp reads. It
+/// is reserved when a frame is shaped, never while it is drawn.
 #pragma once
 
 #include <algorithm>
