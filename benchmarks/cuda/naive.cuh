@@ -20,7 +20,8 @@ struct NaiveSplat {
 };
 
 __device__ inline Shape<float> naive_shape(const DeviceGaussians<const float>& g, int i) {
-    return ProjectKernel<Fast, NoDistortion>::shape_of(g, static_cast<std::uint32_t>(i));
+    return rye::detail::ProjectKernel<Fast, NoDistortion>::shape_of(g,
+                                                                    static_cast<std::uint32_t>(i));
 }
 
 static __global__ void naive_project(DeviceGaussians<const float> g, DeviceLens<NoDistortion> lens,
@@ -62,7 +63,7 @@ static __global__ void naive_emit(int count, int columns, const NaiveSplat* spla
     int at = ends[i] - counts[i];
     for (int y = s.top; y < s.bottom; ++y)
         for (int x = s.left; x < s.right; ++x) {
-            keys[at] = std::uint64_t(y * columns + x) << 32U | depth_key(s.depth);
+            keys[at] = std::uint64_t(y * columns + x) << 32U | rye::detail::depth_key(s.depth);
             values[at++] = i;
         }
 }
@@ -165,9 +166,9 @@ static __global__ void naive_pull_back(DeviceGaussians<const float> g,
         const float* const m = g_splat + 8 * i;
         DeviceLens<NoDistortion>::Held held;
         lens.put(held);
-        d = project_vjp(
-            naive_shape(g, i), held.projector,
-            screen_cotangent(s, SplatCotangent<float>{m[0], m[1], m[2], m[3], m[4], m[5], 0}));
+        d = project_vjp(naive_shape(g, i), held.projector,
+                        rye::detail::screen_cotangent(
+                            s, SplatCotangent<float>{m[0], m[1], m[2], m[3], m[4], m[5], 0}));
     }
     for (int k = 0; k < 3; ++k) out.mean.data[3 * i + k] = d.mean[k];
     for (int k = 0; k < 4; ++k) out.rotation.data[4 * i + k] = d.rotation[k];

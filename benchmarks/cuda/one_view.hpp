@@ -76,7 +76,7 @@ OneView one_view(cudaStream_t stream, const DeviceScenery& scene) {
     r.formula = static_cast<double>(DeviceFrameShape{
         static_cast<std::size_t>(n), frame.m.tiles, static_cast<std::size_t>(frame.entry_capacity),
         static_cast<std::size_t>(frame.group_capacity),
-        static_cast<std::size_t>(detail::ChannelLayout<C>::stride)}
+        static_cast<std::size_t>(rye::detail::ChannelLayout<C>::stride)}
                                         .bytes());
     frame.for_vjp = false;
     r.forward = graph_times(stream, forward);

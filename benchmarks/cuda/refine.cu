@@ -80,7 +80,8 @@ class ReverseCost {
         const DeviceGaussians<float>& sum = avatar_.g_cloud(queue_);
         colours_.reserve(queue_, cloud.count(), 3);
         part_.reserve(queue_, cloud.count(), 3);
-        launch_each(device_, queue_, cloud.count(), detail::KeepColours{cloud, colours_.view()});
+        launch_each(device_, queue_, cloud.count(),
+                    rye::detail::KeepColours{cloud, colours_.view()});
         const Index pixels = task_.views[0].truth.cols();
         float* const picture = numbers_.data();
         float* const slope = picture + 6 * pixels;
@@ -124,7 +125,7 @@ class ReverseCost {
     float noise_;
     DeviceRasterizer<Policy::Accuracy, CudaDevice, Policy::Channels> rasterizer_;
     DeviceFrame<CudaDevice> frame_;
-    detail::DeviceCloudBuffer colours_, part_;
+    rye::detail::DeviceCloudBuffer colours_, part_;
     DeviceBuffer<float> numbers_, truth_;
 };
 

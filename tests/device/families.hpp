@@ -371,7 +371,7 @@ struct Splats {
         const Cover<A::support, S> cover{f, camera.width, camera.height};
         const Span rows = cover.rows(),
                    columns = cover.columns(rows.begin / detail::tile_edge, rows);
-        out(rows, columns, tiles_of(rows), detail::depth_key(s.depth) > depth_key(S(3)));
+        out(rows, columns, tiles_of(rows), detail::depth_key(s.depth) > detail::depth_key(S(3)));
         detail::TileRows known{rows, {}};
         known.columns[0][1] = static_cast<std::uint16_t>(columns.end);
         out(known.first_row(), known.last_row() * int(known.known(camera.width)));

@@ -79,8 +79,7 @@ TEST_CASE("player: every picture is that of a whole render, bit for bit, at any 
                 CHECK(picture.width == camera.width);
                 CHECK(picture.height == camera.height);
                 CHECK(picture.pixels ==
-                      detail::whole_picture(p, drivers, camera, background, player.dilation())
-                          .pixels);
+                      whole_picture(p, drivers, camera, background, player.dilation()).pixels);
             };
             check();
             CHECK(player.dilation() == 0.3);
@@ -152,7 +151,7 @@ TEST_CASE("player: Gaussians are as wide on the head in pictures of other sizes"
     // Half of a picture that is twice as large is the trained one but for the pixels' own width.
     const Pinhole<float> large = scaled(p.camera, 2);
     const auto beside = [&](double d) {
-        const Image<float> drawn = detail::whole_picture(p, p.neutral, large, p.background, d);
+        const Image<float> drawn = whole_picture(p, p.neutral, large, p.background, d);
         double sum = 0;
         for (int y = 0; y < trained.height; ++y)
             for (int x = 0; x < trained.width; ++x) {

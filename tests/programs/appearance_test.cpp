@@ -290,7 +290,7 @@ TEST_CASE("appearance: exported and read back, other programs draw the run's pic
         state.avatar.delta_gaze = Columns<float>::Constant(4, state.avatar.delta_pose.cols(), 0.1f);
         const TrainState drawn = drawn_state(state);
         PlayableAvatar<float> exported = playable_avatar(drawn, capture, 1, 0);
-        CHECK_NOTHROW(detail::check_corrections(exported.avatar, "exported"));
+        CHECK_NOTHROW(rye::detail::check_corrections(exported.avatar, "exported"));
         // The run of random numbers has another code of expressions than the capture.
         exported.neutral.expression = test::tiny_drivers<float>().expression;
         exported.ranges.expression_low = exported.ranges.expression_high =

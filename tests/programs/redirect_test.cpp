@@ -154,9 +154,9 @@ TEST_CASE("redirect: labels of a picture, and of a video of a head that lives") 
         scene.draw({"--out", moving.string(), "--idle", "0.2", "--seed", seed});
         return bytes_of(moving);
     };
-    const std::string first = detail::seeded("3");
-    CHECK(detail::seeded("3") == first);
-    CHECK(detail::seeded("4") != first);
+    const std::string first = seeded("3");
+    CHECK(seeded("3") == first);
+    CHECK(seeded("4") != first);
 }
 
 TEST_CASE("redirect: Gaussians are as wide on the head by cameras of one's own") {

@@ -73,7 +73,7 @@ class UpsamplerCache {
         const bool lanes = detail::runs_in_lanes<B, T>(weight.rows(), from.channels(), to.width);
         Region region = changed.grown(narrowest);
         region.widen(lanes ? narrowest : to.width);
-        for (const Window& w : region.bands()) {
+        for (const rye::Window& w : region.bands()) {
             const Padded<T> input =
                 l == 0 ? cut(from, w, [](const auto& x) { return x; })
                        : cut(from, w, [](const auto& x) { return relu(x); });
@@ -91,7 +91,7 @@ class UpsamplerCache {
 
     /// Returns f(pixel) of a window and its neighbours, zeros outside the image.
     template <class F>
-    static Padded<T> cut(const Image<T>& image, const Window& w, const F& f) {
+    static Padded<T> cut(const Image<T>& image, const rye::Window& w, const F& f) {
         const Index c = image.channels(), pitch = w.width() + 2;
         Padded<T> out{w.width(), w.height(), Columns<T>(c, pitch * (w.height() + 2))};
         const int left = std::max(0, w.left - 1), right = std::min(image.width, w.right + 1);
@@ -115,7 +115,7 @@ class UpsamplerCache {
     void last_layer(const Upsampler<T>& u, const Image<T>& in, const Region& changed) {
         const Index n = out_.size(), grain = detail::last_layer_grain;
         runs_.clear();
-        for (const Window& w : changed.bands())
+        for (const rye::Window& w : changed.bands())
             for (int y = w.top; y < w.bottom; ++y) {
                 const Index row = Index(y) * out_.width, end = row + w.right;
                 for (Index b = row + w.left; b < end;) {

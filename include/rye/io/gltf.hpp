@@ -177,11 +177,11 @@ inline void add_gltf_mesh(const GltfFile& file, std::uint64_t index, const GltfM
 /// where it has none, all nodes that are no child. Throws an Error for a node that is reached
 /// twice.
 inline std::vector<GltfPrimitive> gltf_primitives(const GltfFile& file) {
-    struct Reached {
+    struct Waiting {
         std::uint64_t node;
         GltfMatrix parent;
     };
-    std::vector<Reached> open;
+    std::vector<Waiting> open;
     const std::size_t count = file.count("nodes");
     std::vector<bool> seen(count, false), is_child(count, false);
     const auto each = [&](const JsonValue& object, const char* name, const std::string& where,
@@ -213,7 +213,7 @@ inline std::vector<GltfPrimitive> gltf_primitives(const GltfFile& file) {
     std::reverse(open.begin(), open.end());
     std::vector<GltfPrimitive> list;
     while (!open.empty()) {
-        const Reached at = open.back();
+        const Waiting at = open.back();
         open.pop_back();
         const std::string where = name_of(at.node);
         const auto place = static_cast<std::size_t>(at.node);
