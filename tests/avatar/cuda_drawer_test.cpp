@@ -15,6 +15,9 @@ TEST_CASE("cuda, emulated: pictures of other sizes of super-resolution are the h
 TEST_CASE("cuda, emulated: a drawer redoes what differs from the frame before") {
     drawer_by_difference(EmulatedDevice{}, host_queue);
 }
+TEST_CASE("cuda, emulated: a drawer's two views of one driving are each alone") {
+    two_views_drawn(EmulatedDevice{}, host_queue);
+}
 TEST_CASE("cuda, emulated: what a drawer refuses") {
     drawer_bad_input(EmulatedDevice{}, host_queue);
 }

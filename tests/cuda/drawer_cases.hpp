@@ -104,6 +104,45 @@ void drawn_as_on_host(const Device& device, const CudaQueue& queue, const Avatar
     CHECK(apart(found.picture, first.picture) > 0.01);
 }
 
+/// Two cameras of one driving, against each alone.
+template <class Device>
+void two_views_drawn(const Device& device, const CudaQueue& queue) {
+    using E = PaperEffects;
+    const AvatarCase<E> c = case_with_parts<E>();
+    DeviceAvatarDrawer<E, Device, DrawnWide> drawer(device, queue, {c.avatar, c.config, c.roles});
+    std::array<Pinhole<float>, 2> cameras{tiny_camera(24, 20).cast<float>(),
+                                          tiny_camera(24, 20).cast<float>()};
+    cameras[1].camera_from_world.translation.x() -= 0.05F;
+    drawer.drive(queue, c.drivers);
+    std::vector<Image<float>> alone;
+    for (const Pinhole<float>& camera : cameras) alone.push_back(drawer.picture(queue, camera));
+    CHECK(apart(alone[0], alone[1]) > 0.01);
+
+    DeviceAvatarDrawer<E, Device, DrawnWide> stereo(device, queue, {c.avatar, c.config, c.roles});
+    stereo.set_drivers(queue, c.drivers);
+    const Index pixels = alone[0].size();
+    DeviceBuffer<float> numbers;
+    numbers.reserve(queue, static_cast<std::size_t>(6 * pixels));
+    const auto picture_at = [&](std::size_t view) {
+        return DevicePicture<float>{{numbers.data() + 3 * pixels * Index(view), 3, pixels},
+                                    alone[0].width,
+                                    alone[0].height};
+    };
+    int attempts = 0;
+    do {
+        stereo.drive_into(queue);
+        for (std::size_t view = 0; view < 2; ++view)
+            stereo.draw_into(queue, cameras[view], picture_at(view), view);
+    } while (!stereo.finish(queue) && ++attempts < 4);
+    CHECK(attempts < 4);
+    for (std::size_t view = 0; view < 2; ++view) {
+        Image<float> found = alone[view];
+        device.fetch(queue, found.pixels.data(), picture_at(view).pixels.data,
+                     static_cast<std::size_t>(3 * pixels) * sizeof(float));
+        CHECK(found.pixels == alone[view].pixels);
+    }
+}
+
 /// Effects and parts that `rye` trains.
 template <class Device>
 void variants_drawn(const Device& device, const CudaQueue& queue, double bound) {

@@ -17,6 +17,9 @@ TEST_CASE("device: pictures of other sizes of super-resolution are the host's") 
 TEST_CASE("device: a drawer redoes what differs from the frame before") {
     drawer_by_difference(CudaDevice(), queue());
 }
+TEST_CASE("device: a drawer's two views of one driving are each alone") {
+    two_views_drawn(CudaDevice(), queue());
+}
 TEST_CASE("device: what a drawer refuses") { drawer_bad_input(CudaDevice(), queue()); }
 
 int main(int argc, char** argv) { return cases_on_device("drawer_device", argc, argv); }

@@ -8,10 +8,12 @@
 ///     drawer.set_drivers(queue, drivers);
 ///     do { drawer.drive_into(queue); drawer.draw_into(queue, camera, picture); }
 ///     while (!drawer.finish(queue));
+/// For both eyes of a viewer it is driven once and drawn twice, as views 0 and 1.
 /// The same build gives the same bits for a frame, whatever was drawn before.
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -64,9 +66,7 @@ class DeviceAvatarDrawer {
         : device_(device),
           avatar_(device, queue, of),
           upsampler_(device, of.avatar.upsampler.shape),
-          frame_(device),
           eyes_frame_(device) {
-        frame_.for_vjp = eyes_frame_.for_vjp = false;
         const Index channels = of.avatar.upsampler.shape.in_channels;
         require(channels == of.config.channels, "DeviceAvatarDrawer", "super-resolution reads ",
                 channels, " channels, renders have ", of.config.channels);
@@ -116,17 +116,19 @@ class DeviceAvatarDrawer {
         avatar_.regaze_into(queue);
     }
     /// Puts a picture of the driven avatar on the stream: 3 x pixels, factor() times as wide and
-    /// high as the camera's, which is that of the render.
+    /// high as the camera's, which is that of the render. Pictures that are drawn before the same
+    /// finish() have different views, from 0 on.
     void draw_into(const CudaQueue& queue, const Pinhole<float>& camera,
-                   const DevicePicture<float>& picture) {
+                   const DevicePicture<float>& picture, std::size_t view = 0) {
         const Index channels = upsampler_.shape().in_channels;
         const Index pixels = Index(camera.width) * camera.height;
         render_.reserve(queue, static_cast<std::size_t>((channels + 1) * pixels) + 1);
         const DeviceColumns<float> feature{render_.data(), channels, pixels},
             alpha{render_.data() + channels * pixels, 1, pixels};
+        while (frames_.size() <= view) frames_.push_back(std::make_unique<Frame>(device_));
         rasterizer_.forward_into(queue, avatar_.cloud(), camera, colours_.data(), {feature, alpha},
-                                 frame_);
-        drawn_ = true;
+                                 frames_[view]->memory);
+        frames_[view]->drawn = true;
         upsampler_.forward_into(queue, {feature, camera.width, camera.height}, picture, trace_);
     }
     /// Puts each eye's share of the pixels on the stream, 2 x pixels of the camera: of the light
@@ -145,8 +147,8 @@ class DeviceAvatarDrawer {
         shown.feature = {eyes_.data(), 2, n};
         const float* const nothing = colours_.data() + upsampler_.shape().in_channels;
         rasterizer_.forward_into(queue, shown, camera, nothing,
-                                 {shares, {eyes_alpha_.data(), 1, pixels}}, eyes_frame_);
-        eyes_drawn_ = true;
+                                 {shares, {eyes_alpha_.data(), 1, pixels}}, eyes_frame_.memory);
+        eyes_frame_.drawn = true;
     }
     /// Waits for what was put on the stream since the last call. Whether there was room for it;
     /// where there was none there is now, and it has to be driven and drawn again. Throws an Error
@@ -155,16 +157,17 @@ class DeviceAvatarDrawer {
         const bool driven = avatar_.finish(queue);
         placed_ = placed_ && driven;
         bool whole = driven;
-        for (const auto& [drawn, frame] :
-             {std::pair{&drawn_, &frame_}, std::pair{&eyes_drawn_, &eyes_frame_}}) {
-            if (!*drawn) continue;
-            *drawn = false;
-            whole = frame->finish(queue, most_entries, NonFinite::cull) && whole;
-            require(!driven || frame->cost.non_finite == 0, "the driven Gaussians",
-                    frame->cost.non_finite,
+        const auto look = [&](Frame& frame) {
+            if (!frame.drawn) return;
+            frame.drawn = false;
+            whole = frame.memory.finish(queue, most_entries, NonFinite::cull) && whole;
+            require(!driven || frame.memory.cost.non_finite == 0, "the driven Gaussians",
+                    frame.memory.cost.non_finite,
                     " of them are not finite everywhere; the avatar is damaged, or its drivers "
                     "are far from those of its training");
-        }
+        };
+        for (const auto& frame : frames_) look(*frame);
+        look(eyes_frame_);
         return whole;
     }
 
@@ -206,13 +209,23 @@ class DeviceAvatarDrawer {
 
     /// Memory that is held [bytes].
     std::size_t bytes() const {
-        return avatar_.bytes() + upsampler_.bytes() + trace_.bytes() + frame_.bytes() +
-               eyes_frame_.bytes() + colours_.bytes() + render_.bytes() + eyes_.bytes() +
-               eyes_alpha_.bytes() + picture_.bytes();
+        std::size_t sum = avatar_.bytes() + upsampler_.bytes() + trace_.bytes() +
+                          eyes_frame_.memory.bytes() + colours_.bytes() + render_.bytes() +
+                          eyes_.bytes() + eyes_alpha_.bytes() + picture_.bytes();
+        for (const auto& frame : frames_) sum += frame->memory.bytes();
+        return sum;
     }
 
   private:
     static constexpr std::int64_t most_entries = std::int64_t(1) << 31;
+
+    /// Memory of a render without a vjp.
+    struct Frame {
+        DeviceFrame<Device> memory;
+        bool drawn = false; ///< since the last finish
+
+        explicit Frame(const Device& device) : memory(device) { memory.for_vjp = false; }
+    };
 
     static std::size_t bytes_of(Index n) { return static_cast<std::size_t>(n) * sizeof(float); }
 
@@ -237,13 +250,13 @@ class DeviceAvatarDrawer {
     DeviceUpsampler<Device, Policy::upsampler_planes> upsampler_;
     DeviceUpsamplerTrace trace_;
     DeviceRasterizer<typename Policy::Accuracy, Device, typename Policy::Channels> rasterizer_;
-    DeviceFrame<Device> frame_, eyes_frame_;
+    std::vector<std::unique_ptr<Frame>> frames_; ///< of each view
+    Frame eyes_frame_;
     DeviceBuffer<float> colours_; ///< white of the render's channels, then none of two
     DeviceBuffer<float> render_;  ///< features, then alpha
     DeviceBuffer<float> eyes_, eyes_alpha_, picture_;
-    std::vector<float> driven_;               ///< drivers that the cloud is by, or empty
-    bool placed_ = false;                     ///< whether drive_into has seen the parameters
-    bool drawn_ = false, eyes_drawn_ = false; ///< since the last finish
+    std::vector<float> driven_; ///< drivers that the cloud is by, or empty
+    bool placed_ = false;       ///< whether drive_into has seen the parameters
 };
 
 } // namespace rye
