@@ -68,7 +68,7 @@ Columns<T> signed_distances(const bench::Timed& b, const GuidanceMesh<T, E>& mes
                             const AvatarConfig& config, const Columns<T>& points) {
     const auto begin = bench::Clock::now();
     const bench::Host& host = b;
-    Columns<T> sdf = detail::signed_distances(host, mesh, config, points);
+    Columns<T> sdf = signed_distances(host, mesh, config, points);
     b.networks->seconds += std::chrono::duration<double>(bench::Clock::now() - begin).count();
     b.networks->products += double(points.cols()) * bench::macs(mesh.geometry.shape);
     b.networks->in += double(points.size());
@@ -275,12 +275,11 @@ int main(int argc, char** argv) {
         bcc_grid<float>(Vec3<float>::Constant(-1.75F), Vec3<float>::Constant(1.75F), 3.5F / 52);
     if (const int edges = option(argc, argv, "--precision", 0); edges > 0) {
         const double cell = 3.5 / 52;
-        const Columns<float> sdf = detail::signed_distances(backend, mesh, config, grid.vertices);
+        const Columns<float> sdf = signed_distances(backend, mesh, config, grid.vertices);
         const CutEdges cut = cut_edges(mesh.geometry, grid, sdf, edges, config.frequencies);
         std::printf("%-12s %12s %12s %12s %12s %7s\n", "products", "sdf, most", "place, rms",
                     "place, most", "1 / slope", "flips");
-        print_precision("floats", cut, detail::signed_distances(backend, mesh, config, cut.points),
-                        cell);
+        print_precision("floats", cut, signed_distances(backend, mesh, config, cut.points), cell);
         print_planes<3>("3 planes", mesh.geometry, cut, config.frequencies, cell);
         print_planes<2>("2 planes", mesh.geometry, cut, config.frequencies, cell);
         print_planes<1>("1 plane", mesh.geometry, cut, config.frequencies, cell);

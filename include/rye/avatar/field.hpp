@@ -152,10 +152,10 @@ template <class T, class A, Backend B>
 Columns<T> evaluate_field(const B& backend, const Field<T, A>& field, const Columns<T>& input,
                           const VecX<T>& frame, std::type_identity_t<MlpTrace<T>>* trace) {
     Columns<T> output;
-    detail::mlp_forward_around<T>(backend, field.mlp, input, frame, trace, output,
-                                  detail::NothingAround{}, [&](Index b, Index e) {
-                                      detail::squash_range(field.squash, {b, e}, output);
-                                  });
+    mlp_forward_around<T>(backend, field.mlp, input, frame, trace, output, detail::NothingAround{},
+                          [&](Index b, Index e) {
+                              detail::squash_range(field.squash, {b, e}, output);
+                          });
     return output;
 }
 
@@ -206,7 +206,7 @@ void add_field(const B& backend, const Field<T, A>& field,
     trace.set = detail::influenced(backend, x.lambda);
     trace.input.resize(x.inputs.rows(), static_cast<Index>(trace.set.size()));
     const detail::FieldOutput<T> added{field.gain, x.lambda, trace.set, trace.output};
-    detail::mlp_forward_around<T>(
+    mlp_forward_around<T>(
         backend, field.mlp, trace.input, x.frame, &trace.mlp, trace.output,
         [&](Index b, Index e) {
             detail::pick_range(x.inputs, trace.set, {b, e}, trace.input);
@@ -283,7 +283,7 @@ void field_vjp(const B& backend, const Field<T, A>& field,
         }
     };
     VecX<T> g_frame;
-    detail::mlp_vjp_around<T>(
+    mlp_vjp_around<T>(
         backend, field.mlp, {trace.input, pass.frame, trace.mlp}, g_y,
         {*g.mlp, g.inputs != nullptr ? &g_input : nullptr, g.frame != nullptr ? &g_frame : nullptr},
         weighted, scattered);

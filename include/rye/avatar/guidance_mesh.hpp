@@ -122,6 +122,8 @@ Columns<T> signed_distances_by_blocks(const B& backend, const GuidanceMesh<T, E>
     return sdf;
 }
 
+} // namespace detail
+
 /// Signed distances before tanh at points of the head frame (3 x N), without a trace, 1 x N. A
 /// backend whose networks run elsewhere has an overload (avatar/cuda/offload.hpp).
 template <class T, EffectSet E, Backend B>
@@ -130,15 +132,13 @@ Columns<T> signed_distances(const B& backend, const GuidanceMesh<T, E>& mesh,
     return detail::signed_distances_by_blocks(backend, mesh, config, points);
 }
 
-} // namespace detail
-
 /// The surface of signed distance 0 in the lattice, in the head frame, with each vertex's features.
 template <class T, EffectSet E, Backend B>
 NeutralSurface<T> neutral_surface(const B& backend, const GuidanceMesh<T, E>& mesh,
                                   const AvatarConfig& config, const TetGrid<T>& grid) {
     using std::tanh;
     NeutralSurface<T> n;
-    const Columns<T> sdf = detail::signed_distances(backend, mesh, config, grid.vertices);
+    const Columns<T> sdf = signed_distances(backend, mesh, config, grid.vertices);
     const SurfaceTopology topology =
         surface_topology<T>(backend, grid.topology, sdf); // sign of tanh(s) = s
     if (topology.faces.empty()) return n;

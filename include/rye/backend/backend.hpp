@@ -13,13 +13,12 @@
 namespace rye {
 
 /// A type with a member `threads`. Overloads on the backend's type select tuned inner loops;
-/// everything else runs the plain template.
+/// everything else runs the plain template. Functions with such overloads are called without a
+/// namespace, and are not in detail: a call of detail::f finds none that is declared later.
 template <class B>
 concept Backend = std::copy_constructible<B> && requires(const B& b) {
     requires Threads<std::remove_cvref_t<decltype(b.threads)>>;
 };
-
-namespace detail {
 
 /// Returns the same backend on the calling thread alone, for tasks that are themselves run side by
 /// side. A backend of one's own has an overload, or stays as it is: its threads then take nested
@@ -28,8 +27,6 @@ template <Backend B>
 B one_thread(const B& backend) {
     return backend;
 }
-
-} // namespace detail
 
 /// A backend with SIMD vectors of T, on which the tuned loops run.
 template <class B, class T>

@@ -44,15 +44,11 @@ template <Threads P>
 XsimdBackend(P) -> XsimdBackend<DefaultArch, P>;
 static_assert(Backend<XsimdBackend<>>);
 
-namespace detail {
-
 /// Returns the same backend on the calling thread alone.
 template <class Arch, Threads P>
 XsimdBackend<Arch, Serial> one_thread(const XsimdBackend<Arch, P>&) {
     return {};
 }
-
-} // namespace detail
 
 /// This unit's best vectors on the default threads.
 template <Scalar T>

@@ -17,14 +17,10 @@ template <Threads P>
 ScalarBackend(P) -> ScalarBackend<P>;
 static_assert(Backend<ScalarBackend<>>);
 
-namespace detail {
-
 /// Returns the same backend on the calling thread alone.
 template <Threads P>
 ScalarBackend<Serial> one_thread(const ScalarBackend<P>&) {
     return {};
 }
-
-} // namespace detail
 
 } // namespace rye

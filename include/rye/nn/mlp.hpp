@@ -156,6 +156,8 @@ void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const ColumnsView<T
         finish(std::false_type());
 }
 
+} // namespace detail
+
 /// points: point_inputs x N, frame: frame_inputs. Sets y, outputs x N, before any output
 /// activation. trace may be null. before(b, e) is called before points [b, e) are read, after(b, e)
 /// when their outputs are in y, on the thread that computes them.
@@ -197,8 +199,6 @@ void mlp_forward_around(const B& backend, const Mlp<T, A>& m,
     });
 }
 
-} // namespace detail
-
 /// Runs mlp_forward_around with nothing around. Returns y.
 template <class T, class A, Backend B>
 Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
@@ -206,8 +206,8 @@ Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
                        const std::type_identity_t<VecX<T>>& frame,
                        std::type_identity_t<MlpTrace<T>>* trace) {
     Columns<T> y;
-    detail::mlp_forward_around<T>(backend, m, points, frame, trace, y, detail::NothingAround{},
-                                  detail::NothingAround{});
+    mlp_forward_around<T>(backend, m, points, frame, trace, y, detail::NothingAround{},
+                          detail::NothingAround{});
     return y;
 }
 
@@ -226,8 +226,6 @@ struct MlpGradient {
     Columns<T>* points = nullptr;  ///< overwritten, point_inputs x N
     VecX<T>* frame = nullptr;      ///< overwritten, frame_inputs
 };
-
-namespace detail {
 
 /// Gradients for the cotangent g_out (outputs x N) of mlp_forward's result. before(b, e) is called
 /// before columns [b, e) of g_out are read, after(b, e) when those of g.points are set, on the
@@ -248,9 +246,10 @@ void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
     if (g_points) g_points->resize(p, n);
     const detail::MlpOffsets at(s);
     const bool whole = n > 0 && n <= chunk; // one chunk adds to the gradients themselves
-    Columns<T> parts(whole ? 0 : at.size, chunk_count(n, chunk));
+    Columns<T> parts(whole ? 0 : at.size, detail::chunk_count(n, chunk));
     VecX<T> total(at.size);
-    std::vector<LeftFactor<B, T>> to_hidden(static_cast<std::size_t>(layers)), to_input(to_hidden);
+    std::vector<detail::LeftFactor<B, T>> to_hidden(static_cast<std::size_t>(layers)),
+        to_input(to_hidden);
     for (int l = 0; l < layers; ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
         const int h = s.hidden_in(l);
@@ -267,7 +266,7 @@ void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
         std::vector<Columns<T>> bias;
         for (int l = 0; l < layers; ++l) bias.push_back(Columns<T>::Zero(s.layer_out(l), 1));
         Columns<T> buffers[2];
-        LeftFactor<B, T> g_rows;
+        detail::LeftFactor<B, T> g_rows;
         for (Index b = first; b < last; b += piece) {
             const Index k = std::min(piece, last - b);
             const ColumnsView<T> x = points.middleCols(b, k);
@@ -333,15 +332,12 @@ void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
     }
 }
 
-} // namespace detail
-
 /// Runs mlp_vjp_around with nothing around.
 template <class T, class A, Backend B>
 void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<MlpPass<T>>& pass,
              const std::type_identity_t<ColumnsView<T>>& g_out,
              const std::type_identity_t<MlpGradient<T, A>>& g) {
-    detail::mlp_vjp_around<T>(backend, m, pass, g_out, g, detail::NothingAround{},
-                              detail::NothingAround{});
+    mlp_vjp_around<T>(backend, m, pass, g_out, g, detail::NothingAround{}, detail::NothingAround{});
 }
 
 } // namespace rye

@@ -159,7 +159,7 @@ template <Real T, EffectSet E, Backend B>
 double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const LandmarkStage& stage,
                        const std::vector<MeshSample<T, E>>& frames, const DeformationFit& fit) {
     using Networks = FaceNetworks<T, E>;
-    const auto alone = detail::one_thread(backend);
+    const auto alone = one_thread(backend);
     const Columns<T>& neutral = mesh.landmarks;
     GeometryTrace<T> geometry;
     detail::LandmarkPlaces<T, E> all; // lattice and landmarks are fixed, so these are too

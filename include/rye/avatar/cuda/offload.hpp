@@ -7,13 +7,14 @@
 #include <rye/avatar/guidance_mesh.hpp>
 #include <rye/nn/cuda/offload.hpp>
 
-namespace rye::detail {
+namespace rye {
 
 // Documented in guidance_mesh.hpp.
 template <class T, EffectSet E, OffloadsNetworks B>
 Columns<T> signed_distances(const B& backend, const GuidanceMesh<T, E>& mesh,
                             const AvatarConfig& config, const Columns<T>& points) {
-    if constexpr (std::same_as<T, float> && std::same_as<EncodingOf<E>, PositionalEncoding>) {
+    if constexpr (std::same_as<T, float> &&
+                  std::same_as<detail::EncodingOf<E>, PositionalEncoding>) {
         if (backend.networks->takes(mesh.geometry.shape, points.cols()))
             return backend.networks->first_output(backend.threads, mesh.geometry, points,
                                                   config.frequencies);
@@ -21,4 +22,4 @@ Columns<T> signed_distances(const B& backend, const GuidanceMesh<T, E>& mesh,
     return detail::signed_distances_by_blocks(backend, mesh, config, points);
 }
 
-} // namespace rye::detail
+} // namespace rye

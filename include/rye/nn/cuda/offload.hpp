@@ -129,15 +129,11 @@ concept OffloadsNetworks = Backend<B> && requires(const B& b, const MlpShape& sh
     { b.networks->takes(shape, Index(1)) } -> std::convertible_to<bool>;
 };
 
-namespace detail {
-
 /// Its host on the calling thread: passes of one network that are side by side cannot all be kept.
 template <OffloadsNetworks B>
 auto one_thread(const B& backend) {
     return one_thread(backend.host());
 }
-
-} // namespace detail
 
 /// mlp_forward of an OffloadBackend. A trace of a pass on the device holds its number alone, and a
 /// device keeps what the vjps of a network's last two traced passes read.
@@ -169,8 +165,6 @@ void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<Ml
     mlp_vjp<T>(backend.host(), m, pass, g_out, g);
 }
 
-namespace detail {
-
 /// mlp_forward_around of an OffloadBackend: what is around the pass is done on the host.
 template <class T, class A, OffloadsNetworks B, class Before, class After>
 void mlp_forward_around(const B& backend, const Mlp<T, A>& m,
@@ -200,7 +194,5 @@ void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
     mlp_vjp<T>(backend, m, pass, g_out, g);
     around(after);
 }
-
-} // namespace detail
 
 } // namespace rye
