@@ -8,7 +8,6 @@
 
 #include <cstdint>
 #include <limits>
-#include <map>
 #include <string>
 
 #include "../support/hostile.hpp"
@@ -180,26 +179,6 @@ void too_little_room(const Device& device, const CudaQueue& queue) {
         CHECK(r.gradient.feature == whole.gradient.feature);
     }
 }
-
-/// Memory of an arena, up to a number of bytes.
-struct LimitedMemory {
-    DeviceArena arena;
-    std::size_t left; ///< [bytes]
-    std::map<void*, std::size_t> held = {};
-
-    void* allocate(std::size_t bytes, CudaStream stream) {
-        if (bytes > left) return nullptr;
-        void* const p = arena.allocate(bytes, stream);
-        left -= bytes;
-        held[p] = bytes;
-        return p;
-    }
-    void release(void* p, CudaStream stream) {
-        left += held.at(p);
-        held.erase(p);
-        arena.release(p, stream);
-    }
-};
 
 /// A frame's memory is what its shape says; where there is less, an Error says how much was
 /// missing, and the same frame draws as soon as there is more.

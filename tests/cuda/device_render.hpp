@@ -6,12 +6,33 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <map>
 #include <vector>
 
 #include <rye/splat/cuda/rasterizer.hpp>
 #include <rye/splat/rasterizer.hpp>
 
 namespace rye::test {
+
+/// Memory of an arena, up to a number of bytes.
+struct LimitedMemory {
+    DeviceArena arena;
+    std::size_t left; ///< [bytes]
+    std::map<void*, std::size_t> held = {};
+
+    void* allocate(std::size_t bytes, CudaStream stream) {
+        if (bytes > left) return nullptr;
+        void* const p = arena.allocate(bytes, stream);
+        left -= bytes;
+        held[p] = bytes;
+        return p;
+    }
+    void release(void* p, CudaStream stream) {
+        left += held.at(p);
+        held.erase(p);
+        arena.release(p, stream);
+    }
+};
 
 /// An array in device memory.
 template <class Device>

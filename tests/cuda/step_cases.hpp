@@ -169,15 +169,15 @@ struct StepsOnDevice {
           pyramid(device) {
         begin(device, scene);
     }
-    /// With so many bytes of views on the device, and the rest in this memory of the host.
+    /// With so many of the views on the device, and the rest in this memory of the host.
     StepsOnDevice(const Device& device, const CudaQueue& q, const StepSceneOf<E>& scene,
-                  std::size_t bytes, const DeviceArena& host)
+                  Index on_device, const DeviceArena& host)
         : queue(q),
           avatar(lifted<float>(scene.avatar)),
           adam(avatar),
           pyramid(device) {
         make(device, scene);
-        trainer->views().keep_beyond(bytes, host);
+        trainer->views().keep_beyond(on_device, host);
         add_views(scene);
     }
     StepsOnDevice(const Device& device, const StepSceneOf<E>& scene, const StepsOnDevice& from)
@@ -383,13 +383,12 @@ void steps_from_host(const Device& device, const CudaQueue& queue, const DeviceA
     StepScene scene({});
     scene.draws.resize(4); // more than there are places
     StepsOnDevice<Device, Policy> resident(device, queue, scene);
-    const std::size_t bytes = resident.trainer->views().resident_bytes() / 2; // one of three fits
     resident.run(scene.draws);
     CHECK(resident.trainer->views().bytes_on_host() == 0);
-    for (const std::size_t most : {std::size_t(0), bytes}) {
+    for (const Index most : {0, 1}) { // of three
         CAPTURE(most);
         StepsOnDevice<Device, Policy> own(device, queue, scene, most, page_locked);
-        CHECK(own.trainer->views().on_host(2));
+        CHECK(own.trainer->views().on_host(1));
         CHECK(own.trainer->views().on_host(0) == (most == 0));
         CHECK(own.trainer->views().bytes_on_host() > 0);
         if (most > 0) {
@@ -402,6 +401,37 @@ void steps_from_host(const Device& device, const CudaQueue& queue, const DeviceA
             own.run({cut, scene.draws.end()});
         }
         CHECK(resident.differs(own) == "");
+    }
+}
+
+/// A trainer holds what it says, and an idle one of the same avatar says the same.
+template <class Policy, class Device>
+void steps_counted(const Device& device, const CudaQueue& queue, const DeviceArena& page_locked) {
+    const StepScene scene({.corrected = true});
+    for (const Index pictures : {1, 2}) {
+        CAPTURE(pictures);
+        constexpr std::size_t all = std::size_t(1) << 40U;
+        LimitedMemory memory{queue.memory, all};
+        IdleMemory nowhere;
+        const CudaQueue counted{queue.stream, memory}, idle{queue.stream, nowhere, true};
+        StepsOnDevice<Device, Policy> own(device, counted, scene, 1, page_locked),
+            would(device, idle, scene, 1, nowhere);
+        const DeviceTwoStream<AllEffects, Device, typename Policy::Networks> avatar(
+            device, queue, {own.avatar, scene.config, scene.training.roles});
+        would.trainer->make_room(avatar.listed(queue));
+        for (auto* const steps : {&own, &would}) {
+            steps->trainer->share_steps(steps->queue, {{0, pictures, pictures}});
+            steps->run(scene.draws);
+        }
+        const DeviceStepsMemory held = own.trainer->memory(), said = would.trainer->memory();
+        CHECK(held.sum() + own.pyramid.bytes() == all - memory.left);
+        CHECK(own.pyramid.bytes() == would.pyramid.bytes());
+        CHECK(said.parameters == held.parameters);
+        CHECK(said.pictures == held.pictures);
+        CHECK(said.networks == held.networks);
+        CHECK(said.renders == held.renders);
+        CHECK(said.upsampler == held.upsampler);
+        CHECK(said.losses == held.losses);
     }
 }
 

@@ -64,6 +64,10 @@ int main(int argc, char** argv) { return cases_on_device("steps_device", argc, a
 TEST_CASE("device: steps of several pictures are the host's") {
     steps_of_pictures<Fine>(CudaDevice(), queue(), 3);
 }
+TEST_CASE("device: a trainer's memory is counted by an idle queue") {
+    PageLockedMemory page_locked;
+    steps_counted<Fine>(CudaDevice(), queue(), page_locked);
+}
 TEST_CASE("device: views that stay in the host's memory give the same bits") {
     PageLockedMemory page_locked;
     steps_from_host<Fine>(CudaDevice(), queue(), page_locked);

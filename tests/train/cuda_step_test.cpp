@@ -88,6 +88,13 @@ TEST_CASE("cuda, emulated: 1 and 2 ranks give the same bits, also if one lacks r
     });
     for (const auto& rank : two) CHECK(one[0]->differs(*rank) == "");
     CHECK(one[0]->adam.step == 2);
+    IdleMemory nowhere;
+    const CudaQueue idle{nullptr, nowhere, true};
+    HostSteps would(EmulatedDevice{}, idle, scene);
+    IdleRanks ranks(2);
+    would.trainer->share_steps(idle, {{0, 1, 2}, &ranks});
+    would.run({scene.draws[0], scene.draws[2]});
+    CHECK(would.trainer->memory().parameters == two[0]->trainer->memory().parameters);
 }
 TEST_CASE("cuda, emulated: views that stay in the host's memory give the same bits") {
     HostMemory page_locked;
@@ -124,6 +131,10 @@ TEST_CASE("cuda, emulated: steps that correct gazes and centre corrections") {
 }
 TEST_CASE("cuda, emulated: training steps give the same bits again") {
     steps_again<Fine>(EmulatedDevice{}, host_queue);
+}
+TEST_CASE("cuda, emulated: a trainer's memory is counted by an idle queue") {
+    HostMemory page_locked;
+    steps_counted<Fine>(EmulatedDevice{}, host_queue, page_locked);
 }
 TEST_CASE("cuda, emulated: training steps make room for lists") {
     steps_make_room<Fine>(EmulatedDevice{}, host_queue);

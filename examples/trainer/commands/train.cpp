@@ -31,7 +31,6 @@
 #include "data/validate.hpp"
 #include "data/work_beside.hpp"
 #include "device/choice.hpp"
-#include "device/memory.hpp"
 #include "device/mesh_networks.hpp"
 #include "drawing/shown.hpp"
 #include "model/draws.hpp"
@@ -39,7 +38,7 @@
 #include "model/run_size.hpp"
 #include "training/begun.hpp"
 #include "training/density.hpp"
-#include "training/device_steps.hpp"
+#include "training/device_count.hpp"
 #include "training/one_camera.hpp"
 #include "training/process_ranks.hpp"
 #include "training/run_folder.hpp"
@@ -78,10 +77,13 @@ DeviceFacts device_of(const TrainOptions& o, DeviceFacts device) {
     return device;
 }
 
+/// Returns how ranks add up, with all views on the device.
+DeviceStepSettings settings_of(const TrainOptions& o, Ranks* ranks) {
+    return {ranks, o.rank_sum == "tree" ? RankSum::tree : RankSum::library};
+}
+
 /// Returns true if standard output has no progress.
 bool quiet(const TrainOptions& o) { return o.quiet || o.json; }
-
-constexpr Index log_every = 20;  ///< steps between lines of log.jsonl
 
 /// Number of steps in a row, skipped for a non-finite gradient, that ends the run.
 constexpr int max_skipped_steps = 20;
@@ -387,14 +389,11 @@ class Trainer {
         const SampleDraws draws(capture_, state_.config);
         const Index total = draws.total();
         if (state_.step >= total) return true;
-        require_room_on_device();
+        const DeviceStepSettings settings = settings_on_device();
         probe_.start();
         const StepShare share = share_of(state_.config, ranks_);
         const std::unique_ptr<DeviceSteps> steps =
-            device_steps(state_, capture_, options_.perceptual_weights,
-                         {ranks_,
-                          options_.rank_sum == "tree" ? RankSum::tree : RankSum::library,
-                          most_pictures_});
+            device_steps(state_, capture_, options_.perceptual_weights, settings);
         probe_("pictures to the device");
         TrainState copy = state_; // read by the thread; outlives it
         WorkBeside files("rye train");
@@ -402,7 +401,7 @@ class Trainer {
         while (state_.step < total) {
             probe_.start();
             std::vector<SampleDraw> chunk;
-            const Index end = chunk_end(state_.step, total, log_every, g);
+            const Index end = chunk_end(state_.step, total, g);
             for (Index step = state_.step; step < end; ++step)
                 for (Index k = 0; k < share.count; ++k)
                     chunk.push_back(draws(step, share.first + k));
@@ -448,7 +447,7 @@ class Trainer {
         }
         files.wait();
         tell_density();
-        held_ = steps->bytes();
+        held_ = static_cast<double>(steps->memory().sum());
         taken_ = device_->free - find_device().found.value_or(*device_).free;
         if (!quiet(options_))
             std::printf(
@@ -459,24 +458,20 @@ class Trainer {
         return true;
     }
 
-    /// Prints the memory that stage 2 needs, now that its Gaussians are counted; throws an Error if
-    /// the device has less.
-    void require_room_on_device() {
-        DeviceSizes sizes = device_sizes(state_, capture_);
-        sizes.lpips = !options_.perceptual_weights.empty();
-        sizes.gradients = gradients_of(state_.config, ranks_);
+    /// Prints the memory that stage 2 needs, now that its Gaussians are counted; returns how it
+    /// uses the device. Throws an Error if the device has less.
+    DeviceStepSettings settings_on_device() {
+        DeviceStepSettings settings = settings_of(options_, ranks_);
         const DeviceFacts device = device_of(options_, find_device().found.value_or(*device_));
-        sizes.on_host = views_on_host(state_.config, sizes, device);
-        if (sizes.on_host > 0)
-            most_pictures_ = (sizes.views - sizes.on_host) * picture_bytes(state_.config, sizes);
-        const DeviceNeed need = device_need(state_.config, sizes);
+        const bool lpips = !options_.perceptual_weights.empty();
+        const DeviceNeed need = device_need(state_, capture_, lpips, device, settings);
         stated_ = need.sum();
         if (!quiet(options_))
-            std::cout << "stage 2 needs " << text_of(need) << text_of_pictures(sizes) << "\n"
-                      << std::flush;
+            std::cout << "stage 2 needs " << text_of(need) << "\n" << std::flush;
         require_device_room(need, device, options_.out.string(),
                             "; stage 1 is kept, and `rye train --begin " + options_.out.string() +
                                 "` with lower fields goes on from it");
+        return settings;
     }
 
     void write_panel(const TrainState& state, const AvatarSample<float>& sample) {
@@ -508,7 +503,6 @@ class Trainer {
     bool has_mesh_ = false;        ///< true if stage 1 is another run's
     int changes_ = 0;              ///< changes of density since this program began
     DensityChange changed_;        ///< sum of these changes
-    std::optional<double> most_pictures_; ///< of pictures in the device's memory [bytes]
     double stated_ = 0, held_ = 0, taken_ = 0; ///< device memory of stage 2 [bytes]
 
   public:
@@ -571,7 +565,7 @@ struct TrainedOn {
 /// Returns the choice by --device and the policy; throws an Error if the device has too little
 /// memory.
 TrainedOn trained_on(const TrainOptions& o, const TrainState& state, const Capture& capture,
-                     const Ranks* ranks) {
+                     Ranks* ranks) {
     if (device_wish(o.device) == DeviceWish::cpu) return {};
     const DeviceFinding finding = find_device();
     const DeviceDecision decision = decided(device_wish(o.device), state.config, finding);
@@ -579,16 +573,13 @@ TrainedOn trained_on(const TrainOptions& o, const TrainState& state, const Captu
         return {std::nullopt, decision.reason.empty()
                                   ? ""
                                   : "stage 2 is trained on the CPU: " + decision.reason};
-    DeviceSizes sizes = device_sizes(state, capture);
-    sizes.lpips = !o.perceptual_weights.empty();
-    sizes.gradients = gradients_of(state.config, ranks);
+    DeviceStepSettings settings = settings_of(o, ranks);
     const DeviceFacts device = device_of(o, *finding.found);
-    sizes.on_host = views_on_host(state.config, sizes, device);
-    const DeviceNeed need = device_need(state.config, sizes);
+    const DeviceNeed need =
+        device_need(state, capture, !o.perceptual_weights.empty(), device, settings);
     require_device_room(need, device,
                         o.config.empty() ? "--preset " + state.config.preset : o.config.string());
-    return {finding.found, "stage 2 is trained on " + device.name + ": " + text_of(need) +
-                               text_of_pictures(sizes)};
+    return {finding.found, "stage 2 is trained on " + device.name + ": " + text_of(need)};
 }
 
 /// Checks that the checkpoint in the folder fits the options and the capture.

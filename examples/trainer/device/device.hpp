@@ -51,8 +51,9 @@ struct DeviceTask {
     StepShare share = {};         ///< pictures of a step that this rank takes
     Ranks* ranks = nullptr;       ///< null: one rank; must outlive the work
     RankSum by = RankSum::tree;   ///< how ranks add up
-    /// Most bytes of pictures in the device's memory, the rest in the host's; none: all.
-    std::optional<double> picture_bytes = {};
+    std::optional<Index> on_device = {}; ///< views in the device's memory, the rest in the host's
+    bool idle = false; ///< true if no memory is taken and nothing is done, to count the memory
+    std::vector<std::uint32_t> listed = {}; ///< of an idle task: points that each driver moves
 };
 
 /// Stage 2 of one avatar on a device, which has its own copy of avatar and optimiser.
@@ -70,7 +71,7 @@ class DeviceEngine {
     /// keeps the views.
     virtual void restart(const TwoStream<float, E>& avatar,
                          const Adam<TwoStream<float, E>>& adam) = 0;
-    virtual double bytes() const = 0; ///< device memory held
+    virtual DeviceStepsMemory memory() const = 0; ///< held, or of an idle task what would be
 };
 
 /// Returns stage 2 on the current device, for each avatar of effects.hpp. Throws an Error for sizes

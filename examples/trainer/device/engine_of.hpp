@@ -49,18 +49,20 @@ class DeviceEngineOf final : public DeviceEngine<E> {
   public:
     DeviceEngineOf(const TwoStream<float, E>& avatar, const Adam<TwoStream<float, E>>& adam,
                    const DeviceTask& task)
-        : queue_{machine_.stream(), machine_.memory},
+        : queue_{machine_.stream(), arena_of(task, machine_.memory), task.idle},
           training_(task.training),
           perceptual_(queue_, task.lpips) {
-        if (task.ranks != nullptr) {
+        if (task.ranks != nullptr && task.idle) {
+            ranks_ = std::make_unique<IdleRanks>(task.ranks->size());
+        } else if (task.ranks != nullptr) {
             ranks_ = Machine::join(*task.ranks);
             watch_ = Machine::watch(*task.ranks, *ranks_);
         }
         group_ = {task.share, ranks_.get(), task.by};
         begin(avatar, adam);
-        if (task.picture_bytes)
-            trainer_->views().keep_beyond(static_cast<std::size_t>(*task.picture_bytes),
-                                          machine_.page_locked);
+        trainer_->make_room(task.listed);
+        if (task.on_device)
+            trainer_->views().keep_beyond(*task.on_device, arena_of(task, machine_.page_locked));
     }
 
     Index add(const TrainingView& view, const Drivers<float>& drivers) override {
@@ -80,13 +82,20 @@ class DeviceEngineOf final : public DeviceEngine<E> {
         begin(avatar, adam);
         trainer_->views().take(views);
     }
-    double bytes() const override {
-        return static_cast<double>(trainer_->bytes() + perceptual_.bytes());
+    DeviceStepsMemory memory() const override {
+        DeviceStepsMemory held = trainer_->memory();
+        held.losses += perceptual_.bytes();
+        return held;
     }
 
   private:
     using Trainer = DeviceAvatarTrainer<E, Device, Policy, ChosenDevicePerceptual<Device, N>>;
 
+    /// Returns a memory of the machine, or none for an idle task.
+    template <DeviceMemory M>
+    DeviceArena arena_of(const DeviceTask& task, M& memory) {
+        return task.idle ? DeviceArena(nowhere_) : DeviceArena(memory);
+    }
     void begin(const TwoStream<float, E>& avatar, const Adam<TwoStream<float, E>>& adam) {
         trainer_ = std::make_unique<Trainer>(Device{}, queue_, AvatarAndAdam<E>{avatar, adam},
                                              training_, perceptual_);
@@ -94,6 +103,7 @@ class DeviceEngineOf final : public DeviceEngine<E> {
     }
 
     Machine machine_; // destroyed last: memory is returned on its stream
+    IdleMemory nowhere_;
     CudaQueue queue_;
     decltype(DeviceTask::training) training_;
     ChosenDevicePerceptual<Device, N> perceptual_;

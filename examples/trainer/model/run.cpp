@@ -247,24 +247,6 @@ void require_networks_in(const Safetensors& file, const TrainConfig& config, Sta
                 " numbers, but all tensors of the file have " + Json(held).dump());
 }
 
-/// Returns an avatar whose networks have the configuration's shapes, and whose clouds are shaped by
-/// the file.
-Avatar avatar_shape(const TrainState& s) {
-    const AvatarConfig& c = s.config.avatar;
-    UpsamplerShape shape = s.config.gaussians.upsampler;
-    shape.in_channels = c.channels;
-    TwoStream<float, MeshEffects> a;
-    a.upsampler = Upsampler<float>(shape);
-    a.face.networks = s.mesh.networks;
-    a.face.exp_attributes =
-        Mlp<float>(mlp_shape(c.feature, c.expression, c.networks.exp_attributes, 8));
-    a.face.pose_attributes =
-        Mlp<float>(mlp_shape(c.feature, c.pose_code(), c.networks.pose_attributes, 8));
-    a.eyes.offset = s.mesh.eye_offset;
-    a.delta_pose = Columns<float>::Zero(6, static_cast<Index>(s.train_frames.size()));
-    return restricted<TrainEffects>(a);
-}
-
 template <class A>
 void check_clouds(const std::string& who, const A& avatar, const TrainState& s) {
     const auto agree = [&](const char* name, const auto& a, Index rows, Index cols) {
@@ -408,6 +390,22 @@ TrainState state_of(const Safetensors& file, const std::string& who) {
 }
 
 } // namespace
+
+Avatar avatar_shape(const TrainState& s) {
+    const AvatarConfig& c = s.config.avatar;
+    UpsamplerShape shape = s.config.gaussians.upsampler;
+    shape.in_channels = c.channels;
+    TwoStream<float, MeshEffects> a;
+    a.upsampler = Upsampler<float>(shape);
+    a.face.networks = s.mesh.networks;
+    a.face.exp_attributes =
+        Mlp<float>(mlp_shape(c.feature, c.expression, c.networks.exp_attributes, 8));
+    a.face.pose_attributes =
+        Mlp<float>(mlp_shape(c.feature, c.pose_code(), c.networks.pose_attributes, 8));
+    a.eyes.offset = s.mesh.eye_offset;
+    a.delta_pose = Columns<float>::Zero(6, static_cast<Index>(s.train_frames.size()));
+    return restricted<TrainEffects>(a);
+}
 
 void save_checkpoint(const std::filesystem::path& run, const TrainState& state) {
     require_finite(state, checkpoint_path(run).string() + ": not written");

@@ -43,6 +43,10 @@ inline std::filesystem::path checkpoint_path(const std::filesystem::path& run) {
     return run / "checkpoint.safetensors";
 }
 
+/// Returns an avatar whose networks have the shapes of the state's configuration and mesh, with a
+/// correction for each of its frames, and without Gaussians.
+Avatar avatar_shape(const TrainState& state);
+
 /// Replaces the checkpoint. Throws an Error, before anything is written, if a number of the state
 /// is not finite: such a checkpoint could not be read again.
 void save_checkpoint(const std::filesystem::path& run, const TrainState& state);

@@ -24,7 +24,8 @@ struct ChosenPerceptual {
 
 AvatarTraining<Balanced, ChosenPerceptual> training_of(
     const TrainState& state, const std::filesystem::path& perceptual_weights) {
-    AvatarTraining<Balanced, ChosenPerceptual> t = avatar_training<ChosenPerceptual>(state);
+    AvatarTraining<Balanced, ChosenPerceptual> t =
+        avatar_training<ChosenPerceptual>(state, first_neighbours(state));
     if (!perceptual_weights.empty())
         t.objective.perceptual.loss =
             LpipsVgg<float>{read_lpips_weights<float>(perceptual_weights)};

@@ -15,8 +15,10 @@
 
 namespace rye::trainer {
 
+/// Returns the settings of a state's training. neighbours: first_neighbours of the state.
 template <class Perceptual>
-AvatarTraining<Balanced, Perceptual> avatar_training(const TrainState& state) {
+AvatarTraining<Balanced, Perceptual> avatar_training(const TrainState& state,
+                                                     FaceNeighbours neighbours) {
     const TrainConfig& c = state.config;
     AvatarTraining<Balanced, Perceptual> t;
     t.config = c.avatar;
@@ -28,7 +30,7 @@ AvatarTraining<Balanced, Perceptual> avatar_training(const TrainState& state) {
     t.centred_corrections = c.gaussians.centre_corrections;
     t.view_directions = state.view_directions;
     t.bounds = {c.gaussians.eyeball.max_growth, c.gaussians.eyeball.thickness};
-    t.face_neighbours = first_neighbours(state);
+    t.face_neighbours = std::move(neighbours);
     return t;
 }
 

@@ -71,7 +71,7 @@ class DeviceStepsOf final : public DeviceSteps {
         const auto from = own(state);
         engine_->restart(from.first, from.second);
     }
-    double bytes() const override { return engine_->bytes(); }
+    DeviceStepsMemory memory() const override { return engine_->memory(); }
 
   private:
     /// Returns the avatar that a run with these effects trains, and its optimiser.
@@ -113,24 +113,30 @@ TrainingView training_view(const Capture& capture, const TrainConfig& config, in
     return v;
 }
 
-std::unique_ptr<DeviceSteps> device_steps(const TrainState& state, const Capture& capture,
-                                          const std::filesystem::path& perceptual_weights,
-                                          const DeviceStepSettings& settings) {
+DeviceTask device_task(const TrainState& state, const FaceNeighbours& neighbours,
+                       const DeviceStepSettings& settings) {
     DeviceTask task;
     task.share = share_of(state.config, settings.ranks);
     task.ranks = settings.ranks;
     task.by = settings.by;
-    task.picture_bytes = settings.picture_bytes;
-    task.training = avatar_training<PyramidGradientLoss>(state);
+    task.on_device = settings.on_device;
+    task.training = avatar_training<PyramidGradientLoss>(state, neighbours);
     task.planes = state.config.gaussians.planes;
     task.narrow = beyond(state.config, narrow_tiles).empty();
+    return task;
+}
+
+std::unique_ptr<DeviceSteps> device_steps(const TrainState& state, const Capture& capture,
+                                          const std::filesystem::path& perceptual_weights,
+                                          const DeviceStepSettings& settings) {
+    DeviceTask task = device_task(state, first_neighbours(state), settings);
     if (!perceptual_weights.empty()) task.lpips = read_lpips_weights<float>(perceptual_weights);
     if (state.compared)
         return std::make_unique<DeviceStepsOf<ComparedEffects>>(state, capture, task);
     return std::make_unique<DeviceStepsOf<TrainEffects>>(state, capture, task);
 }
 
-Index chunk_end(Index step, Index total, Index log_every, const AvatarTrainConfig& config) {
+Index chunk_end(Index step, Index total, const AvatarTrainConfig& config) {
     Index end = total;
     for (const Index every : {log_every, Index(config.panel_every), Index(config.checkpoint_every)})
         if (every > 0) end = std::min(end, (step / every + 1) * every);

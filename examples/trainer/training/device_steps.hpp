@@ -29,16 +29,20 @@ class DeviceSteps {
     virtual void fetch(TrainState& state) const = 0;
     /// Continues from the state's avatar, whose face may have another number of Gaussians.
     virtual void restart(const TrainState& state) = 0;
-    virtual double bytes() const = 0; ///< device memory held
+    virtual DeviceStepsMemory memory() const = 0; ///< device memory held
 };
 
 /// Settings of steps on a device beside the configuration.
 struct DeviceStepSettings {
     Ranks* ranks = nullptr;      ///< null: one
     RankSum by = RankSum::tree;  ///< how ranks add up
-    /// Largest number of bytes of pictures in the device's memory; the rest stays in the host's.
-    std::optional<double> picture_bytes = {};
+    /// Number of views in the device's memory, if the rest stays in the host's.
+    std::optional<Index> on_device = {};
 };
+/// Returns the task of a device that trains the avatar of a state, without LPIPS. neighbours:
+/// first_neighbours of the state.
+DeviceTask device_task(const TrainState& state, const FaceNeighbours& neighbours,
+                       const DeviceStepSettings& settings);
 
 /// Copies the state's avatar and optimiser and the capture's training views to the device. The
 /// state must be in stage 2, and without_kernels (device/choice.hpp) empty for it.
@@ -46,8 +50,10 @@ std::unique_ptr<DeviceSteps> device_steps(const TrainState& state, const Capture
                                           const std::filesystem::path& perceptual_weights,
                                           const DeviceStepSettings& settings = {});
 
-/// Returns the number of steps after the next chunk: the next multiple of `log_every`, of the run's
+constexpr Index log_every = 20; ///< steps between lines of log.jsonl
+
+/// Returns the number of steps after the next chunk: the next multiple of log_every, of the run's
 /// panel_every or checkpoint_every, the next step that a change of density follows, or `total`.
-Index chunk_end(Index step, Index total, Index log_every, const AvatarTrainConfig& config);
+Index chunk_end(Index step, Index total, const AvatarTrainConfig& config);
 
 } // namespace rye::trainer

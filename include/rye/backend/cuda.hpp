@@ -58,6 +58,24 @@ class DeviceArena {
 struct CudaQueue {
     CudaStream stream;
     DeviceArena memory;
+    /// True if nothing is done and what is fetched is 0: memory is taken as ever, so that a caller
+    /// learns beforehand how much work needs. With IdleMemory, none is there.
+    bool idle = false;
+};
+
+/// Memory of an idle queue: addresses that nobody may read or write.
+class IdleMemory {
+  public:
+    void* allocate(std::size_t bytes, CudaStream) {
+        constexpr std::size_t whole = 256;
+        void* const p = reinterpret_cast<void*>(next_);
+        next_ += (bytes + whole) / whole * whole;
+        return p;
+    }
+    void release(void*, CudaStream) {}
+
+  private:
+    std::uintptr_t next_ = std::uintptr_t(1) << (sizeof(void*) * 8 - 2); ///< no process has it
 };
 
 /// Columns in device memory.

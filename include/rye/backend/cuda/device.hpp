@@ -10,6 +10,7 @@
 #include <cuda_runtime.h>
 
 #include <cstdint>
+#include <cstring>
 
 #include <rye/backend/cuda/runtime.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
@@ -353,7 +354,7 @@ struct CudaDevice {
 
     template <class Kernel>
     void launch(const CudaQueue& queue, Index blocks, const Kernel& kernel) const {
-        if (blocks <= 0) return;
+        if (blocks <= 0 || queue.idle) return;
         constexpr std::size_t bytes = sizeof(typename Kernel::Shared);
         const auto run = detail::run_kernel<Kernel>;
         if constexpr (bytes > std::size_t(48) << 10U)
@@ -364,18 +365,20 @@ struct CudaDevice {
         check_cuda(cudaPeekAtLastError(), Kernel::name);
     }
     void fill(const CudaQueue& queue, void* p, int byte, std::size_t bytes) const {
-        if (bytes > 0) check_cuda(cudaMemsetAsync(p, byte, bytes, queue.stream), "device memory");
+        if (bytes > 0 && !queue.idle)
+            check_cuda(cudaMemsetAsync(p, byte, bytes, queue.stream), "device memory");
     }
     void send(const CudaQueue& queue, void* to, const void* from, std::size_t bytes) const {
-        check_cuda(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, queue.stream),
-                   "device memory");
-        check_cuda(cudaStreamSynchronize(queue.stream), "device memory");
+        send_later(queue, to, from, bytes);
+        if (!queue.idle) check_cuda(cudaStreamSynchronize(queue.stream), "device memory");
     }
     void send_later(const CudaQueue& queue, void* to, const void* from, std::size_t bytes) const {
+        if (queue.idle) return;
         check_cuda(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, queue.stream),
                    "device memory");
     }
     void fetch(const CudaQueue& queue, void* to, const void* from, std::size_t bytes) const {
+        if (queue.idle) return static_cast<void>(std::memset(to, 0, bytes));
         check_cuda(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, queue.stream),
                    "device memory");
         check_cuda(cudaStreamSynchronize(queue.stream), "device memory");

@@ -332,7 +332,8 @@ struct EmulatedDevice {
     PhaseOrder order = PhaseOrder::forward;
 
     template <class Kernel>
-    void launch(const CudaQueue&, Index blocks, const Kernel& kernel) const {
+    void launch(const CudaQueue& queue, Index blocks, const Kernel& kernel) const {
+        if (queue.idle) return;
         using Shared = typename Kernel::Shared;
         const auto shared = std::make_unique<Shared>();
         for (Index b = 0; b < blocks; ++b) {
@@ -343,20 +344,23 @@ struct EmulatedDevice {
             HostWarp::forget_copies();
         }
     }
-    void fill(const CudaQueue&, void* p, int byte, std::size_t bytes) const {
-        if (bytes > 0) std::memset(p, byte, bytes);
+    void fill(const CudaQueue& queue, void* p, int byte, std::size_t bytes) const {
+        if (bytes > 0 && !queue.idle) std::memset(p, byte, bytes);
     }
     /// Copies to the device, and waits for that.
-    void send(const CudaQueue&, void* to, const void* from, std::size_t bytes) const {
-        if (bytes > 0) std::memcpy(to, from, bytes);
+    void send(const CudaQueue& queue, void* to, const void* from, std::size_t bytes) const {
+        if (bytes > 0 && !queue.idle) std::memcpy(to, from, bytes);
     }
     /// Puts a copy of page-locked memory on the stream, which must stay as it is until then.
-    void send_later(const CudaQueue&, void* to, const void* from, std::size_t bytes) const {
-        if (bytes > 0) std::memcpy(to, from, bytes);
+    void send_later(const CudaQueue& queue, void* to, const void* from, std::size_t bytes) const {
+        send(queue, to, from, bytes);
     }
     /// Copies from the device, and waits for that.
-    void fetch(const CudaQueue&, void* to, const void* from, std::size_t bytes) const {
-        if (bytes > 0) std::memcpy(to, from, bytes);
+    void fetch(const CudaQueue& queue, void* to, const void* from, std::size_t bytes) const {
+        if (queue.idle)
+            std::memset(to, 0, bytes);
+        else if (bytes > 0)
+            std::memcpy(to, from, bytes);
     }
 };
 

@@ -30,6 +30,7 @@ class KeptGraphs {
     template <class F>
     void run(const CudaQueue& queue, const Kind& kind, const Key& key, const F& f) {
         if constexpr (DeviceWithGraphs<Device>) {
+            if (queue.idle) return f();
             if (warm_.insert(kind).second) {
                 graphs_.clear();
             } else {

@@ -85,7 +85,7 @@ class CudaBranch {
     CudaQueue begin(const CudaQueue& from) {
         from_ = std::make_unique<CudaQueue>(from);
         follow(stream_, from.stream);
-        return {stream_, *this};
+        return {stream_, *this, from.idle};
     }
     /// Lets later work of `to` follow the branch's work.
     void end(const CudaQueue& to) const { follow(to.stream, stream_); }

@@ -115,6 +115,7 @@ class DeviceLossReport {
     /// Returns the report in device memory, for kernels that read it; null before the first
     /// sum_into.
     const LossReport* data() const { return report_.data(); }
+    std::size_t bytes() const { return report_.bytes(); }
 
   private:
     Device device_;

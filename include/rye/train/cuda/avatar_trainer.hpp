@@ -67,17 +67,15 @@ class DeviceAvatarTrainer {
         for (auto& f : frame_) f = std::make_unique<DeviceFrame<Device>>(device);
         adam_.send(queue, from.adam);
         adam_.set_rates(queue, training.rates);
-        const Columns<float> white = Columns<float>::Ones(channels_, 1);
-        white_.reserve(queue, static_cast<std::size_t>(white.size()));
-        device.send(queue, white_.data(), white.data(), bytes_of(white.size()));
+        const auto put = [&](DeviceBuffer<float>& to, const Columns<float>& a) {
+            to.reserve(queue, static_cast<std::size_t>(a.size()));
+            device.send(queue, to.data(), a.data(), to.bytes());
+        };
+        put(white_, Columns<float>::Ones(channels_, 1));
         smoothness_.set(queue, from.avatar, weights_, training.face_neighbours);
-        if (training.bounds.growth > 0) {
-            const Columns<float> most =
-                scale_bounds(from.avatar.eyes, static_cast<float>(training.bounds.growth),
-                             static_cast<float>(training.bounds.thickness));
-            most_.reserve(queue, static_cast<std::size_t>(most.size()));
-            device.send(queue, most_.data(), most.data(), bytes_of(most.size()));
-        }
+        if (training.bounds.growth > 0)
+            put(most_, scale_bounds(from.avatar.eyes, static_cast<float>(training.bounds.growth),
+                                    static_cast<float>(training.bounds.thickness)));
         state_.reserve(queue, 1);
         numbers_.reserve(queue, 1);
         send_state(queue);
@@ -145,19 +143,24 @@ class DeviceAvatarTrainer {
 
     /// Returns the views, for a later trainer of an avatar with the same drivers to take().
     DeviceViews<Device>& views() { return views_; }
-    /// Returns the memory of a render (all, the face alone, the eyes alone), which a caller that
-    /// knows the need may reserve before the first step.
+    /// Returns the memory of a render (all, the face alone, the eyes alone), and makes room for so
+    /// many points that each driver moves: for a caller that knows the need before the first step.
     DeviceFrame<Device>& frame(std::size_t render) { return *frame_[render]; }
-    /// Returns the memory held [bytes], without the perceptual term's.
-    std::size_t bytes() const {
-        std::size_t sum = avatar_.bytes() + gradient_.bytes() + adam_.bytes() + upsampler_.bytes() +
-                          trace_[0].bytes() + trace_[1].bytes() + views_.bytes() +
-                          smoothness_.bytes() + losses_.bytes() + part_[0].bytes() +
-                          part_[1].bytes() + colours_.bytes() + images_.bytes() + white_.bytes() +
-                          most_.bytes() + centring_.bytes() + state_.bytes() + numbers_.bytes() +
-                          rows_.bytes() + sums_.bytes();
-        for (const auto& f : frame_) sum += f->bytes();
-        return sum;
+    void make_room(const std::vector<std::uint32_t>& listed) { avatar_.make_room(listed); }
+    /// Returns the memory held, without the perceptual term's.
+    DeviceStepsMemory memory() const {
+        DeviceStepsMemory r;
+        const std::size_t own = avatar_.parameters().bytes(), shown = views_.resident_bytes();
+        r.parameters = own + gradient_.bytes() + adam_.bytes() + sums_.bytes() + most_.bytes() +
+                       centring_.bytes() + state_.bytes() + numbers_.bytes() + rows_.bytes();
+        r.pictures = shown;
+        r.networks = avatar_.bytes() - own;
+        r.renders = views_.bytes() - shown + images_.bytes() + part_[0].bytes() +
+                    part_[1].bytes() + colours_.bytes() + white_.bytes();
+        for (const auto& f : frame_) r.renders += f->bytes();
+        r.upsampler = upsampler_.bytes() + trace_[0].bytes() + trace_[1].bytes();
+        r.losses = smoothness_.bytes() + losses_.bytes();
+        return r;
     }
     /// Returns the number of graphs held.
     std::size_t graphs() const { return graphs_.size(); }
@@ -167,8 +170,6 @@ class DeviceAvatarTrainer {
     using Kind = std::tuple<bool, bool>;
     /// Values that the kernels of a step are launched with.
     using Key = std::tuple<bool, bool, Index, std::vector<float>>;
-
-    static std::size_t bytes_of(Index n) { return static_cast<std::size_t>(n) * sizeof(float); }
 
     DeviceStepsReport report() const {
         DeviceStepsReport r;

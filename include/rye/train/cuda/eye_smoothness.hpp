@@ -25,7 +25,8 @@ class DeviceEyeSmoothness {
     /// `channels`; waits.
     void set(const CudaQueue& queue, const EyeStream<float, E>& eyes,
              [[maybe_unused]] Index channels) {
-        term_.set(queue, eye_neighbours(eyes));
+        const auto points = static_cast<std::size_t>(eyes.position.cols());
+        term_.set(queue, queue.idle ? NeighbourGraph(points) : eye_neighbours(eyes)); // O(P^2)
         if constexpr (!of_parameters)
             g_.reserve(queue, static_cast<std::size_t>(channels * eyes.position.cols()) + 1);
     }

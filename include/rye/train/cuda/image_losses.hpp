@@ -103,8 +103,13 @@ class DeviceImageLosses {
 
     AvatarLossConfig weights;
 
-    /// Returns the memory held [bytes], without the perceptual term's and the sums'.
-    std::size_t bytes() const { return dssim_.bytes() + moved_.bytes(); }
+    /// Returns the memory held [bytes], without the perceptual term's.
+    std::size_t bytes() const {
+        std::size_t sum = dssim_.bytes() + moved_.bytes() + report_.bytes();
+        for (const auto* term : {&high_, &low_, &eye_low_, &eye_high_, &blank_, &alone_})
+            sum += term->bytes();
+        return sum;
+    }
 
     /// Enqueues all image terms and their cotangents. Throws an Error for shapes that do not fit.
     template <class P>

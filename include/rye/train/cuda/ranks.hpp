@@ -67,6 +67,19 @@ class DeviceRankSum {
     DeviceBuffer<float> parts_;
 };
 
+/// Rank of a group of so many whose queues are idle: its sums take their memory, and nobody adds.
+class IdleRanks final : public DeviceRanks {
+  public:
+    explicit IdleRanks(int size) : size_(size) {}
+    int rank() const override { return 0; }
+    int size() const override { return size_; }
+    void exchange(const CudaQueue&, const float*, float*, Index) override {}
+    void gather(const CudaQueue&, const float*, float*, Index) override {}
+
+  private:
+    int size_;
+};
+
 /// Ranks in threads whose devices' memory is the host's (backend/cuda/emulation.hpp).
 class ThreadRanks final : public DeviceRanks {
   public:

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -35,6 +36,20 @@ struct StepDraw {
     detail::Resizing scale{};     ///< that resizing
     std::array<float, 3> blank{}; ///< background of the face alone
     double rate = 1;              ///< factor of the learning rates
+};
+
+/// Device memory of a training, by purpose [bytes].
+struct DeviceStepsMemory {
+    std::size_t parameters = 0; ///< with gradients, moments and what counts the steps
+    std::size_t pictures = 0;   ///< of all views that stay on the device
+    std::size_t networks = 0;   ///< of the driven avatar, with its cloud and what its vjp reads
+    std::size_t renders = 0;    ///< with the pictures of a step
+    std::size_t upsampler = 0;  ///< with what its vjp reads
+    std::size_t losses = 0;
+
+    std::size_t sum() const {
+        return parameters + pictures + networks + renders + upsampler + losses;
+    }
 };
 
 /// Result of a run of steps.

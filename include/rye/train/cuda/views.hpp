@@ -81,10 +81,10 @@ class DeviceViews {
         require(factor >= 1, "DeviceViews", "factor is ", factor, ", expected 1 or more");
     }
 
-    /// Keeps views in device memory up to so many bytes, and further ones in page-locked memory of
-    /// the host, which must outlive them. To be called before the first view.
-    void keep_beyond(std::size_t device_bytes, const DeviceArena& host) {
-        most_ = device_bytes;
+    /// Keeps so many views in device memory, and further ones in page-locked memory of the host,
+    /// which must outlive them. To be called before the first view.
+    void keep_beyond(Index on_device, const DeviceArena& host) {
+        most_ = on_device;
         host_ = std::make_unique<DeviceArena>(host);
     }
 
@@ -95,10 +95,10 @@ class DeviceViews {
         check(view);
         const std::size_t pixels = view.mask.size(), floats = drivers.size() * sizeof(float);
         const std::size_t bytes = floats + 6 * pixels;
-        const bool on_host = host_ != nullptr && resident_bytes() + bytes > most_;
+        const bool on_host = host_ != nullptr && count() >= most_;
         auto& own = *kept_.emplace_back(std::make_unique<DeviceBuffer<std::uint8_t>>());
         if (on_host) {
-            own.reserve({queue.stream, *host_}, bytes);
+            own.reserve({queue.stream, *host_, queue.idle}, bytes);
             if (ring_->bytes() == 0) ring_->reserve(queue, bytes);
             bytes_on_host_ += bytes;
         } else {
@@ -106,7 +106,7 @@ class DeviceViews {
         }
         std::uint8_t* at = own.data();
         const auto put = [&](const void* from, std::size_t n) {
-            if (on_host)
+            if (on_host && !queue.idle)
                 std::memcpy(at, from, n);
             else
                 device_.send(queue, at, from, n);
@@ -256,7 +256,8 @@ class DeviceViews {
     std::vector<bool> on_host_;
     std::vector<Pinhole<float>> cameras_;
     std::unique_ptr<DeviceArena> host_; ///< page-locked memory; null: all views are on the device
-    std::size_t most_ = 0, bytes_on_host_ = 0, drivers_ = 0; ///< [bytes]; drivers of a view
+    Index most_ = 0;                             ///< views on the device, if host_ is set
+    std::size_t bytes_on_host_ = 0, drivers_ = 0; ///< [bytes]; drivers of a view
     std::unique_ptr<ViewRing<Device>> ring_;
     DeviceBuffer<DeviceViewPlace> table_;
     std::size_t sent_ = 0;
