@@ -400,8 +400,8 @@ void table(const CudaQueue& queue, const StepSizes& s, const Rates& rates, bool 
         "parameters, %.0f MB\n  %-24s %8s [least-most] %9s %9s\n",
         s.name, static_cast<long long>(s.subject.points),
         static_cast<long long>(2 * s.subject.of_an_eye), view.width, view.height, view.camera.width,
-        view.camera.height, parameters * 1e-6, double(trainer.memory().sum()) / 1e6, "part", "ms",
-        "share", "launches");
+        view.camera.height, parameters * 1e-6, double(trainer.memory().sum()) / 1e6, "part", "ms", "share",
+        "launches");
     const float step = ms.back().median;
     for (std::size_t k = 0; k < parts.size(); ++k)
         print_row(s, parts[k], ms[k], step, work[parts[k].name], rates);

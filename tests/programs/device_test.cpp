@@ -27,8 +27,8 @@ DeviceFinding without_build() { return {false, std::nullopt, "this build has no 
 
 /// Needs 1.5 GB, of which 1 GB for 1000 pictures.
 DeviceNeed some_need(const TrainConfig& config, bool lpips = false) {
-    DeviceNeed need =
-        need_of({50000000, 1000000000, 100000000, 200000000, 120000000, 30000000}, config, lpips);
+    DeviceNeed need = need_of({50000000, 1000000000, 100000000, 200000000, 120000000, 30000000},
+                              config, lpips);
     need.views = 1000;
     return need;
 }
@@ -118,15 +118,14 @@ TEST_CASE("device: points that drivers move are those of the guess before stage 
     capture.width = capture.height = 64;
     const DeviceSizes sizes = device_sizes(s, capture);
     const SurfaceGuess guess = surface_guess(s.config, s.subject);
-    CHECK(sizes.face ==
-          static_cast<Index>(std::ceil(guess.vertices.sum() + s.config.gaussians.mouth_points)));
+    CHECK(sizes.face == static_cast<Index>(
+                            std::ceil(guess.vertices.sum() + s.config.gaussians.mouth_points)));
     CHECK(sizes.eyes == 2 * s.config.gaussians.eyeball.points);
     for (const std::uint32_t listed : sizes.listed) {
         CHECK(listed > 0);
         CHECK(static_cast<Index>(listed) <= sizes.face);
     }
-    CHECK(static_cast<int>(sizes.listed[0]) >
-          s.config.gaussians.mouth_points);                   // expressions move the mouth
+    CHECK(static_cast<int>(sizes.listed[0]) > s.config.gaussians.mouth_points); // expressions move the mouth
     CHECK(sizes.listed[2] < sizes.listed[0]);                 // gazes the lids alone
 }
 
@@ -321,10 +320,9 @@ TEST_CASE("device: what does not fit is refused, with the field to lower") {
     TrainConfig c = preset("gpu");
     DeviceNeed need = some_need(c);
     CHECK(need.sum() == 1.5e9);
-    CHECK(text_of(need) ==
-          "about 1.500 GB of device memory: parameters, gradient and moments 0.050, "
-          "pictures 1.000, networks 0.100, renders 0.200, upsampler 0.120, losses "
-          "0.030");
+    CHECK(text_of(need) == "about 1.500 GB of device memory: parameters, gradient and moments 0.050, "
+                           "pictures 1.000, networks 0.100, renders 0.200, upsampler 0.120, losses "
+                           "0.030");
     CHECK_NOTHROW(require_device_room(need, {"A device", need.sum(), 8e9}, "x"));
     CHECK_FAULT(require_device_room(need, {"A device", need.sum() - 1, 8e9}, "--preset gpu"),
                 "--preset gpu: got settings that need about ");

@@ -466,7 +466,8 @@ class Trainer {
         const bool lpips = !options_.perceptual_weights.empty();
         const DeviceNeed need = device_need(state_, capture_, lpips, device, settings);
         stated_ = need.sum();
-        if (!quiet(options_)) std::cout << "stage 2 needs " << text_of(need) << "\n" << std::flush;
+        if (!quiet(options_))
+            std::cout << "stage 2 needs " << text_of(need) << "\n" << std::flush;
         require_device_room(need, device, options_.out.string(),
                             "; stage 1 is kept, and `rye train --begin " + options_.out.string() +
                                 "` with lower fields goes on from it");

@@ -15,7 +15,7 @@
 
 namespace rye::trainer {
 
-/// neighbours: first_neighbours of the state.
+/// Returns the settings of a state's training. neighbours: first_neighbours of the state.
 template <class Perceptual>
 AvatarTraining<Balanced, Perceptual> avatar_training(const TrainState& state,
                                                      FaceNeighbours neighbours) {

@@ -58,11 +58,12 @@ void begin_zeros(TrainState& s, const DeviceSizes& sizes) {
         s.compared.emplace().avatar = compared_avatar(a, s.config, normals, Random{0, 0});
         return;
     }
-    if (s.config.gaussians.rates.delta_view > 0) a.delta_view.setZero(6, s.view_directions.cols());
+    if (s.config.gaussians.rates.delta_view > 0)
+        a.delta_view.setZero(6, s.view_directions.cols());
     s.avatar = std::move(a);
 }
 
-/// Returns the memory of a training of this avatar after steps of every kind.
+/// Returns the memory of a training of this avatar after a run of steps.
 template <EffectSet E>
 DeviceStepsMemory counted(const TwoStream<float, E>& avatar, const TrainConfig& config,
                           const DeviceSizes& sizes, const DeviceTask& task) {
@@ -71,8 +72,7 @@ DeviceStepsMemory counted(const TwoStream<float, E>& avatar, const TrainConfig& 
     view.width = sizes.width, view.height = sizes.height;
     view.camera.width = sizes.width >> config.gaussians.upsampler.doublings;
     view.camera.height = sizes.height >> config.gaussians.upsampler.doublings;
-    const auto pixels =
-        static_cast<std::size_t>(view.width) * static_cast<std::size_t>(view.height);
+    const auto pixels = static_cast<std::size_t>(view.width) * static_cast<std::size_t>(view.height);
     view.rgb.resize(3 * pixels);
     for (auto* const mask : {&view.mask, &view.visible, &view.eyes}) mask->resize(pixels);
     const auto drivers = neutral_drivers<float>(config.avatar);
@@ -102,10 +102,8 @@ DeviceSizes device_sizes(const TrainState& state, const Capture& capture) {
                                   VecX<double>::Ones(avatar.face.position.cols())});
     };
     if (state.stage == Stage::avatar) {
-        if (state.compared)
-            counted(state.compared->avatar);
-        else
-            counted(state.avatar);
+        if (state.compared) counted(state.compared->avatar);
+        else counted(state.avatar);
     } else {
         s.eyes = Index(2) * state.config.gaussians.eyeball.points;
         const SurfaceGuess guess = surface_guess(state.config, state.subject);
@@ -118,8 +116,8 @@ DeviceSizes device_sizes(const TrainState& state, const Capture& capture) {
     }
     // All Gaussians that split may lie in one list.
     const AvatarTrainConfig& g = state.config.gaussians;
-    const double most = most_of_face(g.density, face, state.stage == Stage::avatar ? state.step : 0,
-                                     total_steps(g, capture));
+    const double most = most_of_face(
+        g.density, face, state.stage == Stage::avatar ? state.step : 0, total_steps(g, capture));
     for (const double points : listed)
         s.listed.push_back(static_cast<std::uint32_t>(std::ceil(points + most - face)));
     s.face = static_cast<Index>(std::ceil(most));

@@ -262,7 +262,7 @@ class DeviceViews {
     std::vector<bool> on_host_;
     std::vector<Pinhole<float>> cameras_;
     std::unique_ptr<DeviceArena> host_; ///< page-locked memory; null: all views are on the device
-    Index most_ = 0;                    ///< views on the device, if host_ is set
+    Index most_ = 0;                             ///< views on the device, if host_ is set
     std::size_t bytes_on_host_ = 0, drivers_ = 0; ///< [bytes]; drivers of a view
     std::unique_ptr<ViewRing<Device>> ring_;
     DeviceBuffer<detail::DeviceViewPlace> table_;
