@@ -73,9 +73,10 @@ class DeviceAvatarTrainer {
         };
         put(white_, Columns<float>::Ones(channels_, 1));
         smoothness_.set(queue, from.avatar, weights_, training.face_neighbours);
-        if (training.bounds.growth > 0)
-            put(most_, scale_bounds(from.avatar.eyes, static_cast<float>(training.bounds.growth),
-                                    static_cast<float>(training.bounds.thickness)));
+        const auto& bounds = training.bounds;
+        if (bounds.growth > 0)
+            put(most_, detail::scale_bounds(from.avatar.eyes, float(bounds.growth),
+                                            float(bounds.thickness)));
         state_.reserve(queue, 1);
         numbers_.reserve(queue, 1);
         send_state(queue);
@@ -143,9 +144,10 @@ class DeviceAvatarTrainer {
 
     /// Returns the views, for a later trainer of an avatar with the same drivers to take().
     DeviceViews<Device>& views() { return views_; }
-    /// Returns the memory of a render (all, the face alone, the eyes alone), and makes room for so
-    /// many points that each driver moves: for a caller that knows the need before the first step.
+    /// Returns the memory of a render (all, the face alone, the eyes alone), which a caller that
+    /// knows the need may reserve before the first step.
     DeviceFrame<Device>& frame(std::size_t render) { return *frame_[render]; }
+    /// Makes room for so many points that each driver moves, for the same caller.
     void make_room(const std::vector<std::uint32_t>& listed) { avatar_.make_room(listed); }
     /// Returns the memory held, without the perceptual term's.
     DeviceStepsMemory memory() const {
