@@ -117,11 +117,12 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
                                       Index) { entries.push_back(tensor_entry(name, a)); },
                                   scalars);
 
+    const AvatarSettings settings{p.config, p.avatar.upsampler.shape}; // named, for nvcc
     TensorMetadata metadata{
         {"format", avatar_format},
         {"version", avatar_version},
         {"name", p.name},
-        {"settings", detail::settings_text({p.config, p.avatar.upsampler.shape})},
+        {"settings", detail::settings_text(settings)},
         {"gaze_axis", p.visual_axes() ? "visual" : "optical"},
         {"eye_appearance", has_driven_eyes(p.avatar) ? "driven" : "free"},
         {"shading", p.avatar.shading.any() ? "head_pose" : "none"},
