@@ -4,7 +4,7 @@
 # 75, 80 and 90, where nvcc is, with warnings as errors, and holds registers, spilled bytes and machine instructions of
 # each kernel against the record: at most 1.10 times, spills not at all more. An instruction is 16
 # bytes of a kernel's section. --record writes the record anew. nvcc: $NVCC, of the PATH, or of
-# /usr/local/cuda.
+# /usr/local/cuda. c++filt, of binutils as readelf, reads names; the record has them without namespaces.
 set -eu
 write=no
 if [ "${1:-}" = --record ]; then
@@ -22,6 +22,11 @@ shift 2
 includes="-isystem /usr/include/eigen3 $(sed -n 's/^-isystem/-isystem /p' "$flags_file" | tr '\n' ' ')"
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
+
+plain_names() {
+    c++filt | sed -E 's/^(void )?rye::detail::run_kernel<//; s/ ?>\([^()]*(\([^()]*\)[^()]*)*\)$//
+        s/rye:://g; s/detail:://g; s/[{][^}]*[}]//g; s/ //g'
+}
 
 for architecture; do
     # shellcheck disable=SC2086 # the folders are several words
@@ -41,7 +46,10 @@ for architecture; do
         sed -n 's/.* \.text\.\([^ ]*\) *PROGBITS *[0-9a-f]* [0-9a-f]* \([0-9a-f]*\) .*/\1 \2/p' |
         while read -r name size; do echo "$name $((0x$size / 16))"; done > "$work/sizes"
     awk 'NR == FNR { size[$1] = $2; next } { print $1, $2, $3, $4, size[$2] }' \
-        "$work/sizes" "$work/registers" | sort >> "$work/found"
+        "$work/sizes" "$work/registers" > "$work/kernels"
+    cut -d' ' -f2 "$work/kernels" | plain_names > "$work/names"
+    paste -d' ' "$work/names" "$work/kernels" | awk '{ print $2, $1, $4, $5, $6 }' |
+        sort >> "$work/found"
 done
 if [ $write = yes ]; then
     { echo "# architecture kernel registers spilled-bytes instructions"; cat "$work/found"; } \
