@@ -31,7 +31,7 @@ using E = TrainedEffects;
 constexpr float pupils_over_head = 0.063F / 0.11F;
 constexpr int frames = 1000, warm_up = 20;
 
-/// Two cameras beside each other, in place of one.
+/// Returns the cameras of a left and a right eye, `apart` from one another.
 std::array<Pinhole<float>, 2> stereo_cameras(const Pinhole<float>& middle, float apart) {
     std::array<Pinhole<float>, 2> eyes{middle, middle};
     eyes[0].camera_from_world.translation.x() += apart / 2;
@@ -39,12 +39,12 @@ std::array<Pinhole<float>, 2> stereo_cameras(const Pinhole<float>& middle, float
     return eyes;
 }
 
-/// A number in [-1, 1] that moves with the frame, of its own pace for each k.
+/// Returns a number in [-1, 1] that moves with the frame, at a pace of its own for each k.
 float wave(int frame, Index k) {
     return std::sin(0.05F * static_cast<float>(frame) * (1 + 0.13F * static_cast<float>(k)));
 }
 
-/// Drivers of a frame between the ranges that the head was trained in.
+/// Return neutral drivers with another gaze, or expression, within the ranges of training.
 Drivers<float> moved_gaze(const PlayableAvatar<float>& p, int frame) {
     Drivers<float> d = p.neutral;
     for (Index e = 0; e < 2; ++e) {
@@ -64,7 +64,7 @@ Drivers<float> moved_expression(const PlayableAvatar<float>& p, int frame) {
     return d;
 }
 
-/// Milliseconds of f(frame) by the clock.
+/// Prints the milliseconds of f(frame) by the clock.
 template <class F>
 void print_times(const char* name, int planes, const F& f) {
     using Clock = std::chrono::steady_clock;

@@ -7,9 +7,7 @@
 ///     do { r.forward_into(...); } while (!frame.finish(queue));
 #pragma once
 
-#include <limits>
 #include <span>
-#include <string>
 
 #include <rye/splat/cuda/blend.hpp>
 #include <rye/splat/cuda/frame.hpp>
