@@ -125,8 +125,8 @@ if(TARGET rye_program)
             ${CMAKE_CURRENT_BINARY_DIR}/appearance)
   set_tests_properties(appearance PROPERTIES TIMEOUT 600)
   if(TARGET lesson_11_draw_my_avatar)
-    rye_check(lessons programs/lessons.sh $<TARGET_FILE:rye_program> $<TARGET_FILE:lesson_11_draw_my_avatar>
-              $<TARGET_FILE:lesson_12_train_my_part> ${CMAKE_CURRENT_BINARY_DIR}/lessons)
+    rye_check(lessons programs/lessons.sh $<TARGET_FILE:rye_program>
+              $<TARGET_FILE:lesson_11_draw_my_avatar> ${CMAKE_CURRENT_BINARY_DIR}/lessons)
     set_tests_properties(lessons PROPERTIES TIMEOUT 1200)
   endif()
   rye_check(flaw programs/flaw.sh $<TARGET_FILE:rye_program> ${PROJECT_SOURCE_DIR}/docs/flaws.md

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// bench_effects [--run DIR [--capture DIR]] [--benchmark_...]
+// bench_effects [--avatar FILE | --run DIR [--capture DIR]] [--benchmark_...]
 #include <benchmark/benchmark.h>
 
 #include <cstring>
@@ -15,6 +15,7 @@ int main(int argc, char** argv) {
     for (int i = 1; i < argc; ++i) {
         std::string* const value = std::strcmp(argv[i], "--run") == 0       ? &options.run
                                    : std::strcmp(argv[i], "--capture") == 0 ? &options.capture
+                                   : std::strcmp(argv[i], "--avatar") == 0  ? &options.avatar
                                                                             : nullptr;
         if (value != nullptr && i + 1 < argc)
             *value = argv[++i];

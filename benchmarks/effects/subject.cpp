@@ -4,10 +4,12 @@
 #include <cstdlib>
 #include <optional>
 
+#include <rye/avatar/hold.hpp>
+#include <rye/avatar/playable.hpp>
+#include <rye/io/avatar_file.hpp>
+
 #if __has_include("commands/options.hpp")  // the trainer is built, too
 #define RYE_BENCH_TRAINED
-#include <rye/avatar/hold.hpp>
-
 #include "commands/options.hpp"
 #include "model/run.hpp"
 #endif
@@ -43,13 +45,26 @@ std::optional<Subject> trained(const SubjectOptions& o) {
 std::optional<Subject> trained(const SubjectOptions&) { return std::nullopt; }
 #endif
 
+std::optional<Subject> from_file(const std::string& avatar) {
+    if (avatar.empty()) return std::nullopt;
+    const PlayableAvatar<float> p = read_avatar<float>(avatar);
+    const int factor = 1 << p.avatar.upsampler.shape.doublings;
+    return Subject{"the avatar of a file",
+                   p.avatar,
+                   p.config,
+                   p.roles,
+                   restricted<TrainedEffects>(p.neutral),
+                   render_camera(p.camera, factor),
+                   p.background};
+}
+
 /// An avatar of half the Gaussians that `rye train --preset cpu` makes of a capture with 452
 /// landmarks; points on an ellipsoid, networks as initialised.
 Subject synthetic() {
     constexpr Index points = 19326, eye_points = 2410;
     constexpr int landmarks = 452;
     Subject s{};
-    s.name = "a synthetic avatar of a trained one's sizes (no --run)";
+    s.name = "a synthetic avatar of a trained one's sizes (no --run, no --avatar)";
     AvatarConfig& c = s.config;
     c.expression = 45;
     c.feature = 32;
@@ -136,8 +151,11 @@ const Subject& subject() {
         };
         from(o.run, "RYE_RUN", "");
         from(o.capture, "RYE_DATA", "/capture_a");
-        std::optional<Subject> found = trained(o);
-        return found ? *found : synthetic();
+        std::optional<Subject> found = from_file(o.avatar);
+        if (!found) found = trained(o);
+        Subject shown = found ? *found : synthetic();
+        shown.drivers = seen_from(shown.drivers, shown.camera);
+        return shown;
     }();
     return s;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/effects/subject.hpp: the avatar of the timed frames: a trained one (--run DIR,
-/// --capture DIR, or RYE_RUN and RYE_DATA), or else a synthetic one of the same sizes.
+/// benchmarks/effects/subject.hpp: the avatar of the timed frames: a trained one (--avatar FILE; or
+/// --run DIR, --capture DIR, or RYE_RUN and RYE_DATA), or else a synthetic one of the same sizes.
 #pragma once
 
 #include <string>
@@ -12,7 +12,7 @@ namespace rye::bench {
 
 /// Options of the command line; empty: the environment's, or none.
 struct SubjectOptions {
-    std::string run, capture;
+    std::string run, capture, avatar;
 };
 SubjectOptions& subject_options();
 
