@@ -43,7 +43,7 @@ Met check_reach(const Scenery<typename V::value_type>& s) {
         for (Index first = scene.begin(t); first < scene.end(t); first += Group::most) {
             const Tile strips(scene, t);
             const Index last = std::min<Index>(scene.end(t), first + Group::most);
-            group->template fill<0>(scene, strips, scene.top(t), first, last);
+            group->template fill<0>(scene, strips, scene.top(t), first, last, [](Index) {});
             for (Index k = first; k < last; ++k) {
                 const VisibleGaussian<T>& m = scene.member(k);
                 std::vector<bool> reached(Tile::count);
@@ -91,10 +91,11 @@ TEST_CASE_TEMPLATE("a tile's pixels are each a lane of one strip", V, EVERY_VECT
                 const bool drawn = x < strips.width && y < strips.height;
                 CHECK(start[at] == (drawn ? T(1) : T(0)));
                 if (drawn) CHECK(inside.has(strip));
-                CHECK(strips.x[Tile::side(strip) * Tile::lanes + lane] ==
-                      T(scene.left(tile) + x) + T(0.5) - s.camera.cx);
-                CHECK(strips.y[Tile::row(strip) + lane % Tile::high] ==
-                      T(scene.top(tile) + y) + T(0.5) - s.camera.cy);
+                alignas(64) T px[Tile::lanes], py[Tile::lanes];
+                Tile::along_rows(strips.x, Tile::side(strip)).store_aligned(px);
+                Tile::down_rows(strips.y, Tile::row(strip)).store_aligned(py);
+                CHECK(px[lane] == T(scene.left(tile) + x) + T(0.5) - s.camera.cx);
+                CHECK(py[lane] == T(scene.top(tile) + y) + T(0.5) - s.camera.cy);
             }
         for (const int n : times) CHECK(n == 1);
         for (int strip = 0; strip < detail::StripMask::most; ++strip)

@@ -210,7 +210,7 @@ class Redraw {
             detail::StripMask& mask = found_[tiles_[t].mask];
             for (Index k = scene.begin(tile); k < end; k += detail::LaneGroup<V>::most) {
                 const Index next = std::min<Index>(end, k + detail::LaneGroup<V>::most);
-                group.template fill<0>(scene, strips, scene.top(tile), k, next);
+                group.template fill<0>(scene, strips, scene.top(tile), k, next, [](Index) {});
                 for (int s = 0; s < detail::Strips<V>::count; ++s)
                     if (group.reaching[s] != 0) mask.set(s);
             }

@@ -175,7 +175,8 @@ void write_strip(const Scene<typename V::value_type>& scene, const Strips<V>& st
     for (int y = 0; y < high; ++y) {
         Index p = scene.pixel(scene.left(tile) + left, scene.top(tile) + top + y);
         T* to = out.feature.pixels.data() + p * channels;
-        for (int lane = y; lane < wide * Tile::high; lane += Tile::high, ++p, to += channels) {
+        for (int x = 0; x < wide; ++x, ++p, to += channels) {
+            const int lane = Tile::lane(x, y);
             out.alpha.pixels.data()[p] = alpha[lane];
             if constexpr (A::outputs.depth)
                 out.depth.pixels.data()[p] = state[State::depth * lanes + lane];
@@ -230,16 +231,15 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
 
     const StripMask inside = strips.inside(drawn);
     StripMask open = inside;
-    // The next tile's entries lie behind this one's: they are prefetched as well.
-    const Index all = scene.trace.lists.entries();
-    fetch_ahead(scene, begin, std::min<Index>(end, begin + 2 * most));
+    const FetchRecords<T> records(scene, tile);
+    const auto fetch = [&](Index entry) __attribute__((always_inline)) {
+        records(entry);
+        fetch_features(scene, std::min(entry + records.ahead, end - 1));
+    };
     Index k = begin;
     while (k < end && !open.none()) {
         const Index next = std::min<Index>(end, k + most);
-        const Index after = std::min<Index>(all, next + most);
-        fetch_ahead(scene, after, std::min<Index>(all, after + most));
-        fetch_features(scene, next, after);
-        canvas.group.template fill<C>(scene, strips, scene.top(tile), k, next);
+        canvas.group.template fill<C>(scene, strips, scene.top(tile), k, next, fetch);
         if constexpr (C == 0) copy_features<V>(scene, k, next, stride, canvas.feature.data());
         for (int s = 0; s < Tile::count; ++s)
             if (canvas.group.reaching[s] != 0 && open.has(s) &&
@@ -248,6 +248,8 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
         k = next;
     }
     out.trace.used[static_cast<std::size_t>(tile)] = k - begin;
+    for (Index i = end; i < std::min(records.next_end, end + records.ahead); ++i)
+        fetch_features(scene, i);
 
     for (int strip = 0; strip < Tile::count; ++strip)
         if (inside.has(strip)) write_strip<V, C, A>(scene, strips, strip, canvas, out);

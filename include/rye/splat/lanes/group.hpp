@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/lanes/group.hpp: a tile's entries, made ready for lanes. A tile is cut into strips: as
-/// many pixels as there are lanes, in two rows where that costs nothing. Entries are taken in
+/// many pixels as there are lanes, in two or four rows where that costs nothing. Entries are taken in
 /// groups; each is evaluated once for what strips share. A strip then walks the entries that reach
 /// it, from near to far, with what it sums up in registers.
 #pragma once
@@ -18,21 +18,24 @@
 namespace rye::detail {
 
 /// The strips of a tile, side by side and, of a side, row by row. Within a strip, lanes go down its
-/// rows first. A strip of two rows and half the width meets fewer Gaussians.
+/// rows first; in one of four by four pixels along them. Strips that are less wide and higher meet
+/// fewer Gaussians.
 template <class V>
 struct Strips {
     using T = typename V::value_type;
     static constexpr int lanes = static_cast<int>(V::size);
-    static constexpr int high = LoadsPairs<V> ? 2 : 1;   ///< [px]
+    static constexpr bool square = LoadsFours<V>;
+    static constexpr int high = square ? 4 : LoadsPairs<V> ? 2 : 1;   ///< [px]
     static constexpr int wide = lanes / high;            ///< [px]
     static constexpr int sides = tile_edge / wide;
     static constexpr int rows = tile_edge / high;        ///< strips of a side
     static constexpr int count = sides * rows;
     static_assert(tile_edge % wide == 0 && tile_edge % high == 0 && count <= StripMask::most);
 
-    alignas(64) T x[std::size_t(sides * lanes)];  ///< pixel centres from the principal point [px],
-                                              ///< by lane
-    alignas(64) T y[tile_edge];          ///< the same, by row
+    static constexpr int columns = square ? tile_edge : sides * lanes; ///< numbers of along_rows
+    alignas(64) T x[std::size_t(columns)]; ///< pixel centres from the principal point [px], as
+                                           ///< along_rows reads them
+    alignas(64) T y[tile_edge];            ///< the same, by row
     int width, height;                   ///< extent of the part inside the image [px]
     Index tile;
 
@@ -40,8 +43,8 @@ struct Strips {
         : width(scene.right(of) - scene.left(of)),
           height(scene.bottom(of) - scene.top(of)),
           tile(of) {
-        for (int i = 0; i < sides * lanes; ++i)
-            x[i] = static_cast<T>(scene.left(tile) + i / high) + T(0.5) - scene.cx;
+        for (int i = 0; i < columns; ++i)
+            x[i] = static_cast<T>(scene.left(tile) + (square ? i : i / high)) + T(0.5) - scene.cx;
         for (int i = 0; i < tile_edge; ++i)
             y[i] = static_cast<T>(scene.top(tile) + i) + T(0.5) - scene.cy;
     }
@@ -50,8 +53,8 @@ struct Strips {
         for (int s = 0; s < count; ++s)
             for (int lane = 0; lane < lanes; ++lane)
                 transmittance[s * stride + lane] =
-                    drawn.has(s) && row(s) + lane % high < height &&
-                            side(s) * wide + lane / high < width
+                    drawn.has(s) && row(s) + lane_row(lane) < height &&
+                            side(s) * wide + lane_column(lane) < width
                         ? T(1)
                         : T(0);
     }
@@ -65,10 +68,33 @@ struct Strips {
     }
     /// Returns a pixel's strip, or its lane, by its place in the tile [px].
     static int strip(int px, int py) { return px / wide * rows + py / high; }
-    static int lane(int px, int py) { return px % wide * high + py % high; }
+    static int lane(int px, int py) {
+        return square ? py % high * wide + px % wide : px % wide * high + py % high;
+    }
+    /// Returns a lane's column, or row, in its strip [px].
+    static constexpr int lane_column(int lane) { return square ? lane % wide : lane / high; }
+    static constexpr int lane_row(int lane) { return square ? lane / wide : lane % high; }
     /// Returns a strip's side, or its first row of pixels.
     static constexpr int side(int strip) { return strip / rows; }
     static constexpr int row(int strip) { return strip % rows * high; }
+    /// Returns the first and the last of a side's centres.
+    T first_x(int of) const { return x[square ? of * wide : of * lanes]; }
+    T last_x(int of) const { return x[square ? of * wide + wide - 1 : of * lanes + lanes - 1]; }
+
+    /// Returns the lanes of a side's strips for what varies along rows: `columns` numbers.
+    [[gnu::always_inline]] static V along_rows(const T* numbers, int side) {
+        if constexpr (square)
+            return repeat_four<V>(numbers + side * wide);
+        else
+            return V::load_aligned(numbers + side * lanes);
+    }
+    /// Returns the lanes of a strip for what varies from row to row: a number a row of the tile.
+    [[gnu::always_inline]] static V down_rows(const T* numbers, int first_row) {
+        if constexpr (square)
+            return spread_four<V>(numbers + first_row);
+        else
+            return repeat<high, V>(numbers + first_row);
+    }
 };
 
 /// An entry as the strips see it.
@@ -76,8 +102,8 @@ template <class V>
 struct alignas(64) LaneEntry {
     using T = typename V::value_type;
     using Tile = Strips<V>;
-    T v[Tile::sides][Tile::lanes];         ///< v = this + down
-    T exponent[Tile::sides][Tile::lanes];  ///< exponent = this - v^2
+    T v[Tile::columns];                    ///< v = this + down
+    T exponent[Tile::columns];             ///< exponent = this - v^2
     T down[tile_edge];                     ///< offset of each row
     static constexpr int few = 8;          ///< channels at most
     T cut, floor, depth;
@@ -98,12 +124,15 @@ struct LaneGroup {
     LaneEntry<V> entry[most];
     std::uint64_t reaching[Tile::count]; ///< [strips] entries that reach it, a bit each
 
-    /// Takes entries [first, last), with the features of C few channels.
-    template <int C>
-    void fill(const Scene<T>& scene, const Tile& tile, int top, Index first, Index last) {
+    /// Takes entries [first, last), with the features of C few channels; fetch(k) is called with
+    /// each to prefetch what comes later.
+    template <int C, class Fetch>
+    void fill(const Scene<T>& scene, const Tile& tile, int top, Index first, Index last,
+              const Fetch& fetch) {
         static_assert(C <= LaneEntry<V>::few);
         const int n = static_cast<int>(last - first);
         for (int k = 0; k < n; ++k) {
+            fetch(first + k);
             share(scene.member(first + k), tile, top, k);
             if constexpr (C > 0) {
                 const T* const from = scene.feature_of(first + k);
@@ -129,11 +158,11 @@ struct LaneGroup {
         end_[k] = static_cast<T>(member.rows.end - top);
         LaneEntry<V>& to = entry[k];
         to.cut = s.cut, to.floor = s.floor, to.depth = s.depth;
-        unrolled<Tile::sides>([&](auto i) __attribute__((always_inline)) {
+        unrolled<Tile::columns / lanes>([&](auto i) __attribute__((always_inline)) {
             const V dx = V::load_aligned(tile.x + i * lanes) - V(s.x);
             const V u = V(s.ux) * dx;
-            (V(s.vx) * dx).store_aligned(to.v[i]);
-            less_square(V(s.log2_opacity), u).store_aligned(to.exponent[i]);
+            (V(s.vx) * dx).store_aligned(to.v + i * lanes);
+            less_square(V(s.log2_opacity), u).store_aligned(to.exponent + i * lanes);
         });
         unrolled<tile_edge / lanes>([&](auto i) __attribute__((always_inline)) {
             (V(s.vy) * (V::load_aligned(tile.y + i * lanes) - V(s.y)))
@@ -156,8 +185,8 @@ struct LaneGroup {
         const V none(std::numeric_limits<T>::lowest()), zero(T(0));
         std::array<V, std::size_t(Tile::sides)> low, high;   // pixels of each side
         unrolled<Tile::sides>([&](auto side) __attribute__((always_inline)) {
-            low[side] = V(tile.x[side * lanes]) - cx;
-            high[side] = V(tile.x[side * lanes + lanes - 1]) - cx;
+            low[side] = V(tile.first_x(side)) - cx;
+            high[side] = V(tile.last_x(side)) - cx;
         });
         for (int i = 0; i < Tile::rows; ++i) {
             V left = -none, right = none;
@@ -219,9 +248,9 @@ struct LaneBlend : Blend<A, V, LanePixels, LaneExp2<A::exp2_degree, typename V::
         for (std::uint64_t todo = group.reaching[strip]; todo != 0; todo &= todo - 1) {
             const int k = std::countr_zero(todo);
             const LaneEntry<V>& entry = group.entry[k];
-            const V v = V::load_aligned(entry.v[side]) +
-                        repeat<Strips<V>::high, V>(entry.down + row);
-            const V x = less_square(V::load_aligned(entry.exponent[side]), v);
+            const V v = Strips<V>::along_rows(entry.v, side) +
+                        Strips<V>::down_rows(entry.down, row);
+            const V x = less_square(Strips<V>::along_rows(entry.exponent, side), v);
             visit(k, entry, this->take(this->coverage(x, V(entry.cut), V(entry.floor)), t));
         }
         transmittance = t;

@@ -74,8 +74,8 @@ template <class V>
 struct alignas(64) LaneEntryTangent {
     using T = typename V::value_type;
     using Tile = Strips<V>;
-    T v[Tile::sides][Tile::lanes];         ///< tangent of v = this + down
-    T exponent[Tile::sides][Tile::lanes];  ///< tangent of the exponent = this - 2 v (tangent of v)
+    T v[Tile::columns];         ///< tangent of v = this + down
+    T exponent[Tile::columns];  ///< tangent of the exponent = this - 2 v (tangent of v)
     T down[tile_edge];
     T floor, depth;
     T colour[std::size_t(LaneEntry<V>::few)];
@@ -119,11 +119,11 @@ void share_tangent(const Splat<typename V::value_type>& s,
     const V dx_tangent(-(d.x + moving.cx)), dy_tangent(-(d.y + moving.cy));
     to.floor = d.floor;
     to.depth = d.depth;
-    unrolled<Tile::sides>([&](auto i) {
+    unrolled<Tile::columns / lanes>([&](auto i) {
         const V dx = V::load_aligned(tile.x + i * lanes) - V(s.x);
         const V u = V(s.ux) * dx, u_tangent = V(d.ux) * dx + V(s.ux) * dx_tangent;
-        (V(d.vx) * dx + V(s.vx) * dx_tangent).store_aligned(to.v[i]);
-        (V(d.log2_opacity) - V(T(2)) * u * u_tangent).store_aligned(to.exponent[i]);
+        (V(d.vx) * dx + V(s.vx) * dx_tangent).store_aligned(to.v + i * lanes);
+        (V(d.log2_opacity) - V(T(2)) * u * u_tangent).store_aligned(to.exponent + i * lanes);
     });
     unrolled<tile_edge / lanes>([&](auto i) {
         const V dy = V::load_aligned(tile.y + i * lanes) - V(s.y);
@@ -191,12 +191,14 @@ void blend_tile_jvp_lanes(const TangentScene<typename V::value_type>& moving, co
     StripMask open = inside;
     const Index begin = scene.begin(tile), end = scene.end(tile);
     Index k = begin;
-    fetch_ahead(scene, begin, std::min<Index>(end, begin + 2 * most));
+    const FetchRecords<T> records(scene, tile);
+    const auto fetch = [&](Index entry) __attribute__((always_inline)) {
+        records(entry);
+        fetch_features(scene, std::min(entry + records.ahead, end - 1));
+    };
     while (k < end && !open.none()) {
         const Index next = std::min<Index>(end, k + most);
-        fetch_ahead(scene, next, std::min<Index>(end, next + most));
-        fetch_features(scene, next, std::min<Index>(end, next + most));
-        canvas.group.template fill<C>(scene, strips, scene.top(tile), k, next);
+        canvas.group.template fill<C>(scene, strips, scene.top(tile), k, next, fetch);
         for (Index n = k; n < next; ++n) {
             LaneEntryTangent<V>& to = canvas.tangent[n - k];
             share_tangent<V>(scene.splat(n), moving.splats[scene.member_of(n)], moving, strips, to);
@@ -224,12 +226,12 @@ void blend_tile_jvp_lanes(const TangentScene<typename V::value_type>& moving, co
                 const LaneEntry<V>& entry = canvas.group.entry[n];
                 const LaneEntryTangent<V>& d = canvas.tangent[n];
                 const auto across = [&](const auto& e) __attribute__((always_inline)) {
-                    return V::load_aligned(e.v[side]) + repeat<Tile::high, V>(e.down + row);
+                    return Tile::along_rows(e.v, side) + Tile::down_rows(e.down, row);
                 };
                 const V v = across(entry);
-                const V x = less_square(V::load_aligned(entry.exponent[side]), v);
+                const V x = less_square(Tile::along_rows(entry.exponent, side), v);
                 const V x_tangent =
-                    V::load_aligned(d.exponent[side]) - (v + v) * across(d);
+                    Tile::along_rows(d.exponent, side) - (v + v) * across(d);
                 const auto c =
                     blend.take(blend.coverage(x, V(entry.cut), V(entry.floor)), sum[0]);
                 const V weight = blend.take_jvp(c, x_tangent, V(d.floor), sum[1]);

@@ -91,6 +91,38 @@ template <int n, class V>
     }
 }
 
+/// True if a batch is one register of sixteen floats.
+template <class V>
+concept SixteenFloats =
+    std::is_same_v<typename V::value_type, float> && V::size == 16 &&
+    requires { typename V::register_type; } && sizeof(typename V::register_type) == 64;
+
+/// True if one instruction fills the lanes with four numbers, over and over.
+template <class V>
+concept LoadsFours =
+#ifdef __AVX512F__
+    SixteenFloats<V>;
+#else
+    false;
+#endif
+
+#ifdef __AVX512F__
+/// Returns four numbers over and over.
+template <LoadsFours V>
+[[gnu::always_inline]] inline V repeat_four(const float* numbers) {
+    return V(_mm512_broadcast_f32x4(_mm_loadu_ps(numbers)));
+}
+
+/// Returns four numbers, each four times in a row.
+template <LoadsFours V>
+[[gnu::always_inline]] inline V spread_four(const float* numbers) {
+    using R = typename V::register_type;
+    const R x = R(repeat_four<V>(numbers));
+    return V(R(__builtin_shufflevector(x, x, 0, 0, 0, 0, 5, 5, 5, 5, 10, 10, 10, 10, 15, 15, 15,
+                                       15)));
+}
+#endif
+
 /// Returns i, as a number the compiler knows nothing about: loads at it stay loads. A compiler that
 /// turns loads of several lanes into one gather makes them slower.
 [[gnu::always_inline]] inline Index opaque(Index i) {
@@ -106,12 +138,6 @@ typename V::value_type lane_sum(const V& x) {
     else
         return hadd(x);
 }
-
-/// True if a batch is one register of sixteen floats.
-template <class V>
-concept SixteenFloats =
-    std::is_same_v<typename V::value_type, float> && V::size == 16 &&
-    requires { typename V::register_type; } && sizeof(typename V::register_type) == 64;
 
 namespace detail {
 
@@ -153,28 +179,44 @@ template <class V>
         for (std::size_t i = 0; i < 8; ++i) to[i] = lane_sum(x[i]);
 }
 
-/// Prefetches the records of entries [entry, end). Always inlined: g++ takes
-/// a function that only prefetches for one without effect, and drops the call.
+/// Prefetches the record of an entry. To be called for one entry at a time between other work: a
+/// processor drops prefetches that come faster than it starts them. Always inlined: g++ takes a
+/// function that only prefetches for one without effect, and drops the call.
 template <class T>
-[[gnu::always_inline]] inline void fetch_ahead(const Scene<T>& scene, Index entry, Index end) {
-    for (Index k = entry; k < end; ++k) {
-        const char* const m = reinterpret_cast<const char*>(&scene.member(k));
-        for (std::size_t at = 0; at < sizeof(VisibleGaussian<T>); at += 64)
-            __builtin_prefetch(m + at);
-    }
+[[gnu::always_inline]] inline void fetch_record(const Scene<T>& scene, Index entry) {
+    const char* const m = reinterpret_cast<const char*>(&scene.member(entry));
+    for (std::size_t at = 0; at < sizeof(VisibleGaussian<T>); at += 64) __builtin_prefetch(m + at);
 }
 
-/// Prefetches the features of entries [begin, end), whose records were prefetched before. Always
-/// inlined, as fetch_ahead.
+/// Prefetches the features of an entry, whose record was prefetched before. Always inlined, as
+/// fetch_record.
 template <class T>
-[[gnu::always_inline]] inline void fetch_features(const Scene<T>& scene, Index begin, Index end) {
+[[gnu::always_inline]] inline void fetch_features(const Scene<T>& scene, Index entry) {
     constexpr Index line = 64 / static_cast<Index>(sizeof(T));
-    for (Index k = begin; k < end; ++k) {
-        const T* const f = scene.feature_of(k);
-        for (Index c = 0; c < scene.channels(); c += line) __builtin_prefetch(f + c);
-        __builtin_prefetch(f + scene.channels() - 1);
-    }
+    const T* const f = scene.feature_of(entry);
+    for (Index c = 0; c < scene.channels(); c += line) __builtin_prefetch(f + c);
+    __builtin_prefetch(f + scene.channels() - 1);
 }
+
+/// Prefetches, with each entry of a tile that is taken, records that will be: of the same tile two
+/// groups of 32 later, and the first ones of the next tile, whose entries lie behind this one's.
+template <class T>
+struct FetchRecords {
+    static constexpr Index ahead = 32;     ///< entries
+    const Scene<T>& scene;
+    Index begin, end, next_end;
+
+    FetchRecords(const Scene<T>& s, Index tile)
+        : scene(s),
+          begin(s.begin(tile)),
+          end(s.end(tile)),
+          next_end(std::min(s.trace.lists.entries(), s.end(tile) + 2 * ahead)) {}
+    [[gnu::always_inline]] void operator()(Index entry) const {
+        fetch_record(scene, std::min(entry + 2 * ahead, end - 1));
+        const Index of_next = end + (entry - begin);
+        if (of_next < next_end) fetch_record(scene, of_next);
+    }
+};
 
 /// Returns channels in whole vectors.
 template <class V>

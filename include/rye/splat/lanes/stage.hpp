@@ -179,7 +179,7 @@ void merge_slots_lanes(const TileLists& lists,
 }
 
 /// Prefetches the slots of a Gaussian a few steps ahead, whose range was prefetched before.
-/// Always inlined, as fetch_ahead.
+/// Always inlined, as fetch_record.
 template <class T>
 [[gnu::always_inline]] inline void fetch_slots(const RasterTrace<T>& trace,
                                                const PartialGradients<T>& slots, Index index) {

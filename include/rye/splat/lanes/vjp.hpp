@@ -63,11 +63,10 @@ Index record_tile(const Scene<typename V::value_type>& scene, const A& accuracy,
     tape.groups.clear();
     Index used = 0, k = scene.begin(tile);
     const Index end = k + scene.used(tile);
-    fetch_ahead(scene, k, std::min<Index>(end, k + Group::usual));
+    const FetchRecords<T> fetch(scene, tile);
     while (k < end && !open.none()) {
         const Index next = std::min<Index>(end, k + Group::usual);
-        fetch_ahead(scene, next, std::min<Index>(end, next + Group::usual));
-        group.template fill<0>(scene, strips, scene.top(tile), k, next);
+        group.template fill<0>(scene, strips, scene.top(tile), k, next, fetch);
         TapeGroup<V>& laid = tape.groups.emplace_back();
         T* const steps = tape.steps.grow((used + (next - k) * count) * 2 * lanes,
                                          used * 2 * lanes);
@@ -252,8 +251,8 @@ struct LaneReverse {
         const struct {
             V floor, depth;
         } layer{V(s.floor), V(s.depth)};
-        alignas(64) T us[Tile::sides * lanes], across[Tile::sides * lanes], down[tile_edge];
-        unrolled<Tile::sides>([&](auto i) __attribute__((always_inline)) {
+        alignas(64) T us[Tile::columns], across[Tile::columns], down[tile_edge];
+        unrolled<Tile::columns / lanes>([&](auto i) __attribute__((always_inline)) {
             const V dx = V::load_aligned(strips.x + i * lanes) - V(s.x);
             (V(s.ux) * dx).store_aligned(us + i * lanes);
             (V(s.vx) * dx).store_aligned(across + i * lanes);
@@ -283,8 +282,8 @@ struct LaneReverse {
                 c.weight.store_aligned(tape.weight[i]);
                 g_colour.colour = V::load_aligned(tape.along[i]);
             }
-            const V u = V::load_aligned(us + side * lanes);
-            const V v = V::load_aligned(across + side * lanes) + repeat<Tile::high, V>(down + row);
+            const V u = Tile::along_rows(us, side);
+            const V v = Tile::along_rows(across, side) + Tile::down_rows(down, row);
             V behind = V::load_aligned(behinds + at);
             if constexpr (Extra) {
                 const PixelCotangent<V> g{g_colour, V::load_aligned(tape.g_alpha + at),
@@ -324,15 +323,13 @@ struct LaneReverse {
     }
 };
 
-/// Prefetches the slots of entries, to be written. Always inlined, as fetch_ahead.
+/// Prefetches the slot of an entry, to be written. Always inlined, as fetch_record.
 template <class T>
-[[gnu::always_inline]] inline void fetch_slots(const Scene<T>& scene,
-                                               const PartialGradients<T>& slots, Index begin,
-                                               Index end) {
+[[gnu::always_inline]] inline void fetch_slot(const Scene<T>& scene,
+                                              const PartialGradients<T>& slots, Index entry) {
     constexpr Index line = 64 / static_cast<Index>(sizeof(T));
-    for (Index k = begin; k < end; ++k)
-        for (Index c = 0; c < slots.stride; c += line)
-            __builtin_prefetch(slots[scene.slot(k)] + c, 1);
+    for (Index c = 0; c < slots.stride; c += line)
+        __builtin_prefetch(slots[scene.slot(entry)] + c, 1);
 }
 
 /// Adds the gradients of one tile's pixels to the slots of its entries.
@@ -351,11 +348,14 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
     const Strips<V> strips(scene, tile);
     const Index channels = scene.channels();
     const Index stride = C > 0 ? C : scratch.slots.features();
-    const Index begin = scene.begin(tile), all = scene.trace.lists.entries();
+    const Index begin = scene.begin(tile);
     const Index entries = record_tile<V>(scene, accuracy, tile, strips, tape);
     const Index last = (entries - 1) / most * most;
-    fetch_features(scene, begin + last, begin + entries);
-    fetch_slots(scene, scratch.slots, begin + last, begin + entries);
+    const auto fetch = [&](Index entry) __attribute__((always_inline)) {
+        fetch_features(scene, entry);
+        fetch_slot(scene, scratch.slots, entry);
+    };
+    for (Index k = entries; k-- > std::max<Index>(0, entries - most);) fetch(begin + k);
     load_cotangents<V, C>(scene, cotangent.images, strips, stride, tape);
 
     LaneReverse<V, C, Extra, A> reverse{
@@ -367,14 +367,8 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
         const TapeGroup<V>& laid = tape.groups[static_cast<std::size_t>(group / most)];
         reverse.start(laid);
         if (copied) copy_features<V>(scene, begin + group, begin + end, stride, feature);
-        if (group > 0) {
-            fetch_ahead(scene, begin + group - most, begin + group);
-            fetch_features(scene, begin + group - most, begin + group);
-            fetch_slots(scene, scratch.slots, begin + group - most, begin + group);
-        } else {  // the next tile's
-            fetch_ahead(scene, scene.end(tile), std::min<Index>(all, scene.end(tile) + most));
-        }
         for (Index k = end; k-- > group;) {
+            if (k >= most) fetch(begin + k - most);
             const int visits = list_strips<V>(laid.strips[k - group], tape.strip);
             if (visits == 0) continue;
             const Index slot = scene.slot(begin + k);
