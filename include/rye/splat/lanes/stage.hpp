@@ -221,7 +221,6 @@ void project_vjp_range_lanes(const SplatInput<A, typename V::value_type, NoDisto
                 const std::uint32_t far = trace.member[static_cast<std::size_t>(i + 4 * lanes)];
                 if (far != no_member) __builtin_prefetch(&trace.lists.first[far]);
             }
-            if (i + 2 * lanes < e) fetch_slots(trace, slots, i + 2 * lanes);
             const std::uint32_t m = trace.member[static_cast<std::size_t>(i)];
             if (m == no_member) {
                 clear_gradient(out, i);
@@ -257,6 +256,7 @@ void project_vjp_range_lanes(const SplatInput<A, typename V::value_type, NoDisto
         for (int k = 0; k < 3; ++k) r.set(7 + k, d.scale[k]);
         r.set(10, c.alpha / in.opacity());
         for (int lane = 0; lane < filled; ++lane) {
+            if (i + lanes + lane < e) fetch_slots(trace, slots, i + lanes + lane);
             const Index to = opaque(index[static_cast<std::size_t>(lane)]);
             for (int k = 0; k < 3; ++k) out.mean.data()[3 * to + k] = r.row[k][lane];
             for (int k = 0; k < 4; ++k) out.rotation.data()[4 * to + k] = r.row[3 + k][lane];
