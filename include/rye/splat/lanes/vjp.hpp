@@ -247,7 +247,7 @@ struct LaneReverse {
         if constexpr (C > 0)
             unrolled<C>([&](auto c) { colour[c] = V(feature[c]); });
         else
-            along_strips<V>(cotangent, {strip, visits}, feature, stride, tape.along);
+            walk_channels(strip, visits, feature, slot + PartialGradients<T>::head);
         const struct {
             V floor, depth;
         } layer{V(s.floor), V(s.depth)};
@@ -279,7 +279,6 @@ struct LaneReverse {
                 });
                 g_colour.colour = along<V, C>(g_strip, colour);
             } else {
-                c.weight.store_aligned(tape.weight[i]);
                 g_colour.colour = V::load_aligned(tape.along[i]);
             }
             const V u = Tile::along_rows(us, side);
@@ -300,23 +299,38 @@ struct LaneReverse {
             padded.fill(zero);
             unrolled<C>([&](auto c) { padded[c] = colour_sum[c]; });
             lane_sums(padded, slot + PartialGradients<T>::head);
-        } else {
-            gather_features(strip, visits, slot + PartialGradients<T>::head);
         }
     }
 
   private:
-    /// Adds the sums of weight times cotangent, eight channels at a time.
-    void gather_features(const std::uint8_t* strip, Index visits, T* to) {
+    /// Eight channels at a time, of all visits: <cotangent, colour> as along_strips has it, and the
+    /// sums of weight times cotangent, to the slot's features. The cotangents of a tile fill the
+    /// nearest cache, so they are read once for both.
+    void walk_channels(const std::uint8_t* strip, Index visits, const T* feature, T* to) {
+        for (Index v = 0; v < visits; ++v) {
+            const T* const step = visits_end[strip[v]] - 2 * lanes;
+            (V::load_aligned(step) * V::load_aligned(step + lanes)).store_aligned(tape.weight[v]);
+        }
         for (Index c = 0; c < stride; c += 8) {
-            std::array<V, 8> sum;
+            std::array<V, 8> f, sum;
+            unrolled<8>([&](auto i) { f[i] = V(feature[c + i]); });
             sum.fill(V(T(0)));
             for (Index v = 0; v < visits; ++v) {
                 const V weight = V::load_aligned(tape.weight[v]);
                 const T* const g = cotangent + (strip[v] * stride + c) * lanes;
+                V even, odd;
                 unrolled<8>([&](auto i) __attribute__((always_inline)) {
-                    sum[i] = sum[i] + V::load_aligned(g + i * lanes) * weight;
+                    const V x = V::load_aligned(g + i * lanes);
+                    sum[i] = sum[i] + x * weight;
+                    V& half = i % 2 == 0 ? even : odd;
+                    if constexpr (i == 0)
+                        half = c == 0 ? x * f[0] : V::load_aligned(tape.along[v]) + x * f[0];
+                    else if constexpr (i == 1)
+                        half = x * f[1];
+                    else
+                        half = half + x * f[i];
                 });
+                (even + odd).store_aligned(tape.along[v]);
             }
             lane_sums(sum, to + c);
         }
