@@ -213,7 +213,8 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
     const StripMask& drawn = what.strips;
     using Tile = Strips<V>;
     if constexpr (A::order == BlendOrder::by_peak) return blend_tile(scene, accuracy, tile, out);
-    constexpr int lanes = Tile::lanes, most = C > 0 ? LaneGroup<V>::usual : LaneGroup<V>::most;
+    constexpr int lanes = Tile::lanes;
+    constexpr Index most = C > 0 ? LaneGroup<V>::usual : LaneGroup<V>::most;
     using State = LaneState<A::outputs, C>;
     constexpr Index state_stride = State::vectors * lanes;
     const Index channels = C > 0 ? C : scene.channels();
@@ -231,24 +232,24 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
 
     const StripMask inside = strips.inside(drawn);
     StripMask open = inside;
-    const FetchRecords<T> records(scene, tile);
-    const auto fetch = [&](Index entry) __attribute__((always_inline)) {
-        records(entry);
-        fetch_features(scene, std::min(entry + records.ahead, end - 1));
-    };
+    const FetchRecords<T> fetch(scene, tile);
+    constexpr Index each = (most + Tile::count - 1) / Tile::count; // prefetched with a strip
     Index k = begin;
     while (k < end && !open.none()) {
         const Index next = std::min<Index>(end, k + most);
         canvas.group.template fill<C>(scene, strips, scene.top(tile), k, next, fetch);
         if constexpr (C == 0) copy_features<V>(scene, k, next, stride, canvas.feature.data());
-        for (int s = 0; s < Tile::count; ++s)
+        for (int s = 0; s < Tile::count; ++s) {
+            for (Index i = s * each; i < std::min(most, (s + 1) * each) && next + i < end; ++i)
+                fetch_features(scene, next + i);
             if (canvas.group.reaching[s] != 0 && open.has(s) &&
                 !blend_strip<V, C>(blend, s, k - begin, stride, canvas))
                 open.clear(s);
+        }
         k = next;
     }
     out.trace.used[static_cast<std::size_t>(tile)] = k - begin;
-    for (Index i = end; i < std::min(records.next_end, end + records.ahead); ++i)
+    for (Index i = end; i < std::min(fetch.next_end, end + fetch.ahead); ++i)
         fetch_features(scene, i);
 
     for (int strip = 0; strip < Tile::count; ++strip)
