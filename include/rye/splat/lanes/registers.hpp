@@ -123,6 +123,17 @@ template <LoadsFours V>
 }
 #endif
 
+/// Returns the numbers at an address, loaded once though several operations read them: g++ would
+/// load them again with each, of which a processor with vectors of sixteen starts one a cycle.
+template <class V>
+[[gnu::always_inline]] inline V load_once(const typename V::value_type* numbers) {
+    V x = V::load_aligned(numbers);
+#ifdef __AVX512F__
+    if constexpr (SixteenFloats<V>) asm("" : "+v"(x.data));
+#endif
+    return x;
+}
+
 /// Returns i, as a number the compiler knows nothing about: loads at it stay loads. A compiler that
 /// turns loads of several lanes into one gather makes them slower.
 [[gnu::always_inline]] inline Index opaque(Index i) {

@@ -320,7 +320,7 @@ struct LaneReverse {
                 const T* const g = cotangent + (strip[v] * stride + c) * lanes;
                 V even, odd;
                 unrolled<8>([&](auto i) __attribute__((always_inline)) {
-                    const V x = V::load_aligned(g + i * lanes);
+                    const V x = load_once<V>(g + i * lanes);
                     sum[i] = sum[i] + x * weight;
                     V& half = i % 2 == 0 ? even : odd;
                     if constexpr (i == 0)
