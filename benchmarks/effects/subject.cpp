@@ -8,7 +8,7 @@
 #include <rye/avatar/playable.hpp>
 #include <rye/io/avatar_file.hpp>
 
-#if __has_include("commands/options.hpp")  // the trainer is built, too
+#if __has_include("commands/options.hpp") // the trainer is built, too
 #define RYE_BENCH_TRAINED
 #include "commands/options.hpp"
 #include "model/run.hpp"

@@ -122,6 +122,15 @@ inline int sign_bits(__m256 x) { return _mm256_movemask_ps(x); }
 inline int sign_bits(__m256d x) { return _mm256_movemask_pd(x); }
 #endif
 
+/// Returns four floats four times, where an instruction loads them so; else void, never called.
+void load_four_times(...);
+/// Keeps a vector in a register, though it could be loaded again; else never called.
+void in_register(...);
+#ifdef __AVX512F__
+inline __m512 load_four_times(const float* x) { return _mm512_broadcast_f32x4(_mm_loadu_ps(x)); }
+inline void in_register(__m512& x) { asm("" : "+v"(x)); }
+#endif
+
 /// True if sign_bits has an instruction for the mask M.
 template <class M>
 constexpr bool has_sign_bits() {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/lanes/group.hpp: a tile's entries, made ready for lanes. A tile is cut into strips: as
-/// many pixels as there are lanes, in two or four rows where that costs nothing. Entries are taken in
-/// groups; each is evaluated once for what strips share. A strip then walks the entries that reach
-/// it, from near to far, with what it sums up in registers.
+/// many pixels as there are lanes, in two or four rows where that costs nothing. Entries are taken
+/// in groups; each is evaluated once for what strips share. A strip then walks the entries that
+/// reach it, from near to far, with what it sums up in registers.
 #pragma once
 
 #include <array>
@@ -25,7 +25,7 @@ struct Strips {
     using T = typename V::value_type;
     static constexpr int lanes = static_cast<int>(V::size);
     static constexpr bool square = LoadsFours<V>;
-    static constexpr int high = square ? 4 : LoadsPairs<V> ? 2 : 1;   ///< [px]
+    static constexpr int high = square ? 4 : LoadsPairs<V> ? 2 : 1; ///< [px]
     static constexpr int wide = lanes / high;            ///< [px]
     static constexpr int sides = tile_edge / wide;
     static constexpr int rows = tile_edge / high;        ///< strips of a side
@@ -248,8 +248,8 @@ struct LaneBlend : Blend<A, V, LanePixels, LaneExp2<A::exp2_degree, typename V::
         for (std::uint64_t todo = group.reaching[strip]; todo != 0; todo &= todo - 1) {
             const int k = std::countr_zero(todo);
             const LaneEntry<V>& entry = group.entry[k];
-            const V v = Strips<V>::along_rows(entry.v, side) +
-                        Strips<V>::down_rows(entry.down, row);
+            const V v =
+                Strips<V>::along_rows(entry.v, side) + Strips<V>::down_rows(entry.down, row);
             const V x = less_square(Strips<V>::along_rows(entry.exponent, side), v);
             visit(k, entry, this->take(this->coverage(x, V(entry.cut), V(entry.floor)), t));
         }

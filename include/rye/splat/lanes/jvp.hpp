@@ -74,8 +74,8 @@ template <class V>
 struct alignas(64) LaneEntryTangent {
     using T = typename V::value_type;
     using Tile = Strips<V>;
-    T v[Tile::columns];         ///< tangent of v = this + down
-    T exponent[Tile::columns];  ///< tangent of the exponent = this - 2 v (tangent of v)
+    T v[Tile::columns];        ///< tangent of v = this + down
+    T exponent[Tile::columns]; ///< tangent of the exponent = this - 2 v (tangent of v)
     T down[tile_edge];
     T floor, depth;
     T colour[std::size_t(LaneEntry<V>::few)];
@@ -230,8 +230,7 @@ void blend_tile_jvp_lanes(const TangentScene<typename V::value_type>& moving, co
                 };
                 const V v = across(entry);
                 const V x = less_square(Tile::along_rows(entry.exponent, side), v);
-                const V x_tangent =
-                    Tile::along_rows(d.exponent, side) - (v + v) * across(d);
+                const V x_tangent = Tile::along_rows(d.exponent, side) - (v + v) * across(d);
                 const auto c =
                     blend.take(blend.coverage(x, V(entry.cut), V(entry.floor)), sum[0]);
                 const V weight = blend.take_jvp(c, x_tangent, V(d.floor), sum[1]);

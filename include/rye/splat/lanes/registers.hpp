@@ -93,24 +93,20 @@ template <int n, class V>
 
 /// True if a batch is one register of sixteen floats.
 template <class V>
-concept SixteenFloats =
-    std::is_same_v<typename V::value_type, float> && V::size == 16 &&
-    requires { typename V::register_type; } && sizeof(typename V::register_type) == 64;
+concept SixteenFloats = std::is_same_v<typename V::value_type, float> && V::size == 16 && requires {
+    typename V::register_type;
+}
+&&sizeof(typename V::register_type) == 64;
 
 /// True if one instruction fills the lanes with four numbers, over and over.
 template <class V>
-concept LoadsFours =
-#ifdef __AVX512F__
-    SixteenFloats<V>;
-#else
-    false;
-#endif
+concept LoadsFours = SixteenFloats<V> &&
+    !std::is_void_v<decltype(detail::load_four_times(std::declval<const float*>()))>;
 
-#ifdef __AVX512F__
 /// Returns four numbers over and over.
 template <LoadsFours V>
 [[gnu::always_inline]] inline V repeat_four(const float* numbers) {
-    return V(_mm512_broadcast_f32x4(_mm_loadu_ps(numbers)));
+    return V(detail::load_four_times(numbers));
 }
 
 /// Returns four numbers, each four times in a row.
@@ -118,19 +114,16 @@ template <LoadsFours V>
 [[gnu::always_inline]] inline V spread_four(const float* numbers) {
     using R = typename V::register_type;
     const R x = R(repeat_four<V>(numbers));
-    return V(R(__builtin_shufflevector(x, x, 0, 0, 0, 0, 5, 5, 5, 5, 10, 10, 10, 10, 15, 15, 15,
-                                       15)));
+    return V(
+        R(__builtin_shufflevector(x, x, 0, 0, 0, 0, 5, 5, 5, 5, 10, 10, 10, 10, 15, 15, 15, 15)));
 }
-#endif
 
 /// Returns the numbers at an address, loaded once though several operations read them: g++ would
-/// load them again with each, of which a processor with vectors of sixteen starts one a cycle.
+/// load them again with each, and a processor loads one vector of sixteen a cycle.
 template <class V>
 [[gnu::always_inline]] inline V load_once(const typename V::value_type* numbers) {
     V x = V::load_aligned(numbers);
-#ifdef __AVX512F__
-    if constexpr (SixteenFloats<V>) asm("" : "+v"(x.data));
-#endif
+    if constexpr (LoadsFours<V>) detail::in_register(x.data);
     return x;
 }
 
@@ -213,7 +206,7 @@ template <class T>
 /// groups of 32 later, and the first ones of the next tile, whose entries lie behind this one's.
 template <class T>
 struct FetchRecords {
-    static constexpr Index ahead = 32;     ///< entries
+    static constexpr Index ahead = 32; ///< entries
     const Scene<T>& scene;
     Index begin, end, next_end;
 
