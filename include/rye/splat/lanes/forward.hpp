@@ -232,8 +232,14 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
 
     const StripMask inside = strips.inside(drawn);
     StripMask open = inside;
-    const FetchRecords<T> fetch(scene, tile);
-    constexpr Index each = (most + Tile::count - 1) / Tile::count; // prefetched with a strip
+    const FetchRecords<T> records(scene, tile);
+    constexpr Index each = (most + Tile::count - 1) / Tile::count, soon = 8;
+    const Index first_end = std::min<Index>(end, begin + most);
+    for (Index i = begin; i < std::min(end, begin + soon); ++i) fetch_record(scene, i);
+    const auto fetch = [&](Index entry) __attribute__((always_inline)) {
+        records(entry);
+        if (entry + soon < first_end) fetch_features(scene, entry + soon);
+    };
     Index k = begin;
     while (k < end && !open.none()) {
         const Index next = std::min<Index>(end, k + most);
@@ -249,9 +255,6 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
         k = next;
     }
     out.trace.used[static_cast<std::size_t>(tile)] = k - begin;
-    for (Index i = end; i < std::min(fetch.next_end, end + fetch.ahead); ++i)
-        fetch_features(scene, i);
-
     for (int strip = 0; strip < Tile::count; ++strip)
         if (inside.has(strip)) write_strip<V, C, A>(scene, strips, strip, canvas, out);
 }
