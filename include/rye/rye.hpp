@@ -161,6 +161,7 @@
 #include <rye/splat/footprint.hpp>
 #include <rye/splat/jvp.hpp>
 #include <rye/splat/lanes.hpp>
+#include <rye/splat/lanes/along.hpp>
 #include <rye/splat/lanes/forward.hpp>
 #include <rye/splat/lanes/group.hpp>
 #include <rye/splat/lanes/jvp.hpp>

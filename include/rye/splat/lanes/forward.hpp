@@ -232,7 +232,9 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
 
     const StripMask inside = strips.inside(drawn);
     StripMask open = inside;
-    const FetchRecords<T> records(scene, tile);
+    // Features are prefetched a few entries ahead in the first group, and those of the next group
+    // with each strip.
+    const FetchRecords<T> records(scene, tile, end);
     constexpr Index each = (most + Tile::count - 1) / Tile::count, soon = 8;
     const Index first_end = std::min<Index>(end, begin + most);
     for (Index i = begin; i < std::min(end, begin + soon); ++i) fetch_record(scene, i);
@@ -255,6 +257,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
         k = next;
     }
     out.trace.used[static_cast<std::size_t>(tile)] = k - begin;
+
     for (int strip = 0; strip < Tile::count; ++strip)
         if (inside.has(strip)) write_strip<V, C, A>(scene, strips, strip, canvas, out);
 }

@@ -191,7 +191,7 @@ void blend_tile_jvp_lanes(const TangentScene<typename V::value_type>& moving, co
     StripMask open = inside;
     const Index begin = scene.begin(tile), end = scene.end(tile);
     Index k = begin;
-    const FetchRecords<T> records(scene, tile);
+    const FetchRecords<T> records(scene, tile, end);
     const auto fetch = [&](Index entry) __attribute__((always_inline)) {
         records(entry);
         fetch_features(scene, std::min(entry + records.ahead, end - 1));

@@ -93,10 +93,8 @@ template <int n, class V>
 
 /// True if a batch is one register of sixteen floats.
 template <class V>
-concept SixteenFloats = std::is_same_v<typename V::value_type, float> && V::size == 16 && requires {
-    typename V::register_type;
-}
-&&sizeof(typename V::register_type) == 64;
+concept SixteenFloats = std::is_same_v<typename V::value_type, float> && V::size == 16 &&
+                        sizeof(typename V::register_type) == 64;
 
 /// True if one instruction fills the lanes with four numbers, over and over.
 template <class V>
@@ -208,16 +206,19 @@ template <class T>
 struct FetchRecords {
     static constexpr Index ahead = 32; ///< entries
     const Scene<T>& scene;
-    Index begin, end, next_end;
+    Index begin, last;    ///< of the tile's entries that are taken
+    Index next, next_end; ///< of the next tile
 
-    FetchRecords(const Scene<T>& s, Index tile)
+    /// `end` is that of the tile's entries that are taken.
+    FetchRecords(const Scene<T>& s, Index tile, Index end)
         : scene(s),
           begin(s.begin(tile)),
-          end(s.end(tile)),
-          next_end(std::min(s.trace.lists.entries(), s.end(tile) + 2 * ahead)) {}
+          last(end - 1),
+          next(s.end(tile)),
+          next_end(std::min(s.trace.lists.entries(), next + 2 * ahead)) {}
     [[gnu::always_inline]] void operator()(Index entry) const {
-        fetch_record(scene, std::min(entry + 2 * ahead, end - 1));
-        const Index of_next = end + (entry - begin);
+        fetch_record(scene, std::min(entry + 2 * ahead, last));
+        const Index of_next = next + (entry - begin);
         if (of_next < next_end) fetch_record(scene, of_next);
     }
 };

@@ -10,6 +10,7 @@
 #include <cstring>
 
 #include <rye/core/bit_cast.hpp>
+#include <rye/splat/lanes/along.hpp>
 #include <rye/splat/lanes/group.hpp>
 #include <rye/splat/plain/vjp.hpp>
 
@@ -63,7 +64,7 @@ Index record_tile(const Scene<typename V::value_type>& scene, const A& accuracy,
     tape.groups.clear();
     Index used = 0, k = scene.begin(tile);
     const Index end = k + scene.used(tile);
-    const FetchRecords<T> fetch(scene, tile);
+    const FetchRecords<T> fetch(scene, tile, end);
     while (k < end && !open.none()) {
         const Index next = std::min<Index>(end, k + Group::usual);
         group.template fill<0>(scene, strips, scene.top(tile), k, next, fetch);
@@ -121,54 +122,6 @@ int list_strips(const std::uint64_t* words, std::uint8_t* strip) {
     return n;
 }
 
-} // namespace detail
-
-/// Returns <cotangent, colour> of a strip's pixels, for a few channels. One expression for entries
-/// and background, so that equal colours give equal sums.
-template <class V, int C>
-[[gnu::always_inline]] inline V along(const typename V::value_type* cotangent,
-                                      const std::array<V, std::size_t(C)>& colour) {
-    constexpr int lanes = static_cast<int>(V::size);
-    V sum = V::load_aligned(cotangent) * colour[0];
-    unrolled<C - 1>([&](auto c) __attribute__((always_inline)) {
-        sum = sum + V::load_aligned(cotangent + (c + 1) * lanes) * colour[c + 1];
-    });
-    return sum;
-}
-
-namespace detail {
-
-/// The strips of an entry's visits.
-struct VisitedStrips {
-    const std::uint8_t* strip;
-    Index count;
-};
-
-/// Does the same for many channels and several strips: to[i] is that of strip[i]. Eight channels at
-/// a time, whose colours stay in registers.
-template <class V>
-void along_strips(const typename V::value_type* cotangent, VisitedStrips visited,
-                  const typename V::value_type* colour, Index stride,
-                  typename V::value_type (*to)[V::size]) {
-    constexpr int lanes = static_cast<int>(V::size);
-    const auto [strip, visits] = visited;
-    for (Index c = 0; c < stride; c += 8) {
-        std::array<V, 8> f;
-        unrolled<8>([&](auto i) { f[i] = V(colour[c + i]); });
-        for (Index v = 0; v < visits; ++v) {
-            const auto* const g = cotangent + (strip[v] * stride + c) * lanes;
-            V even = c == 0 ? V::load_aligned(g) * f[0]
-                            : V::load_aligned(to[v]) + V::load_aligned(g) * f[0];
-            V odd = V::load_aligned(g + lanes) * f[1];
-            unrolled<3>([&](auto i) __attribute__((always_inline)) {
-                even = even + V::load_aligned(g + (2 + 2 * i) * lanes) * f[2 + 2 * i];
-                odd = odd + V::load_aligned(g + (3 + 2 * i) * lanes) * f[3 + 2 * i];
-            });
-            (even + odd).store_aligned(to[v]);
-        }
-    }
-}
-
 /// Loads the cotangents of a tile's pixels, strip by strip, and that of the background seen through
 /// it.
 template <class V, int C>
@@ -210,7 +163,8 @@ void load_cotangents(const Scene<typename V::value_type>& scene,
         std::array<std::uint8_t, std::size_t(Tile::count)> all;
         for (int s = 0; s < Tile::count; ++s)
             all[static_cast<std::size_t>(s)] = static_cast<std::uint8_t>(s);
-        along_strips<V>(cotangent, {all.data(), Tile::count}, background, stride, tape.along);
+        along_strips<V>(cotangent, {all.data(), Tile::count}, background, stride, tape.along,
+                        NoSums());
         std::copy_n(tape.along[0], tile_pixels, tape.behind);
     }
 }
@@ -247,7 +201,7 @@ struct LaneReverse {
         if constexpr (C > 0)
             unrolled<C>([&](auto c) { colour[c] = V(feature[c]); });
         else
-            walk_channels(strip, visits, feature, slot + PartialGradients<T>::head);
+            walk_channels({strip, visits}, feature, slot + PartialGradients<T>::head);
         const struct {
             V floor, depth;
         } layer{V(s.floor), V(s.depth)};
@@ -303,37 +257,14 @@ struct LaneReverse {
     }
 
   private:
-    /// Eight channels at a time, of all visits: <cotangent, colour> as along_strips has it, and the
-    /// sums of weight times cotangent, to the slot's features. The cotangents of a tile fill the
-    /// nearest cache, so they are read once for both.
-    void walk_channels(const std::uint8_t* strip, Index visits, const T* feature, T* to) {
-        for (Index v = 0; v < visits; ++v) {
-            const T* const step = visits_end[strip[v]] - 2 * lanes;
+    /// Computes <cotangent, colour> of all visits and the slot's features.
+    void walk_channels(VisitedStrips visited, const T* feature, T* to) {
+        for (Index v = 0; v < visited.count; ++v) {
+            const T* const step = visits_end[visited.strip[v]] - 2 * lanes;
             (V::load_aligned(step) * V::load_aligned(step + lanes)).store_aligned(tape.weight[v]);
         }
-        for (Index c = 0; c < stride; c += 8) {
-            std::array<V, 8> f, sum;
-            unrolled<8>([&](auto i) { f[i] = V(feature[c + i]); });
-            sum.fill(V(T(0)));
-            for (Index v = 0; v < visits; ++v) {
-                const V weight = V::load_aligned(tape.weight[v]);
-                const T* const g = cotangent + (strip[v] * stride + c) * lanes;
-                V even, odd;
-                unrolled<8>([&](auto i) __attribute__((always_inline)) {
-                    const V x = load_once<V>(g + i * lanes);
-                    sum[i] = sum[i] + x * weight;
-                    V& half = i % 2 == 0 ? even : odd;
-                    if constexpr (i == 0)
-                        half = c == 0 ? x * f[0] : V::load_aligned(tape.along[v]) + x * f[0];
-                    else if constexpr (i == 1)
-                        half = x * f[1];
-                    else
-                        half = half + x * f[i];
-                });
-                (even + odd).store_aligned(tape.along[v]);
-            }
-            lane_sums(sum, to + c);
-        }
+        along_strips<V>(cotangent, visited, feature, stride, tape.along,
+                        WeightedSums<V>{tape.weight, to, {}});
     }
 };
 
