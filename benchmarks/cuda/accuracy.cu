@@ -82,7 +82,7 @@ void row(const char* name, const CudaQueue& queue, const bench::DeviceScenery& s
                 100 * (1 - double(clear.mean())));
 }
 
-/// What the presets cost.
+/// Prints the prices of the presets.
 template <int C>
 void prices(cudaStream_t stream) {
     const auto scene = bench::head(100000, C);

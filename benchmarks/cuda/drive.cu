@@ -29,7 +29,7 @@ using Subject = bench::DeviceSubject<E>;
 
 std::string json;
 
-/// What launches of each kernel took.
+/// The times of each kernel's launches.
 struct Parts {
     struct Part {
         std::string name;

@@ -13,7 +13,7 @@
 
 namespace rye::bench {
 
-/// Of a scene's first camera; milliseconds of graphs.
+/// Times of a scene's first camera; milliseconds of graphs.
 struct OneView {
     Times forward, both;
     double entries = 0; ///< pairs of a tile and a Gaussian

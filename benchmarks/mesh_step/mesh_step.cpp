@@ -24,7 +24,7 @@ namespace rye::bench {
 
 using Clock = std::chrono::steady_clock;
 
-/// What networks did: seconds, points, products of two numbers, numbers in and out.
+/// The work of networks: seconds, points, products of two numbers, numbers in and out.
 struct Networks {
     double seconds = 0, products = 0, in = 0, out = 0;
 };

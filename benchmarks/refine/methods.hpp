@@ -20,7 +20,7 @@ namespace rye::bench {
 
 inline constexpr double degree = 0.017453292519943295;
 
-/// Where a method may have arrived.
+/// A goal that a method may reach.
 struct Goal {
     double gaze, turn; ///< [degrees]
 };

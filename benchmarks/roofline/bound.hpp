@@ -43,10 +43,11 @@ struct SplatWork {
 
     /// Products of a blended pixel: the exponent 2, 2^x of degree 5, the weight 1.
     static constexpr double blend_products = 8;
-    /// Of its reverse step: the same again, the colour's and the alpha's cotangent, 6 moments.
+    /// Products of its reverse step: the same again, the colour's and the alpha's cotangent, 6
+    /// moments.
     static constexpr double reverse_products = 21;
-    /// Of a Gaussian's projection, with a Gaussian in each lane: 95, and 5 divisions and roots of 5
-    /// each; about twice of its reverse.
+    /// Products of a Gaussian's projection, with a Gaussian in each lane: 95, and 5 divisions and
+    /// roots of 5 each; about twice of its reverse.
     static constexpr double project_products = 120, project_vjp_products = 240;
     /// Sums of an entry, besides those of channels: centre 2, precision 3, opacity 1.
     static constexpr double entry_sums = 6;

@@ -20,7 +20,7 @@ inline std::string processor_name(const std::string& file = "/proc/cpuinfo") {
     return "unknown";
 }
 
-/// What the system says of its load at one moment; -1 where it says nothing.
+/// The system's load at one moment, as it says itself; -1 where it says nothing.
 struct Load {
     double average = -1;                 ///< processes that run or wait, over the last minute
     double running = -1;                 ///< the same now, this one included

@@ -90,7 +90,7 @@ template <class V>
         return xsimd::fma(a, x, y);
 }
 
-/// Where N chains of products begin, a vector each, or where they end.
+/// The first values of N chains of products, a vector each, or the last ones.
 template <class V, int N = chains>
 struct ChainValues {
     using T = typename V::value_type;

@@ -45,7 +45,7 @@ TurnTimes turn() {
     return t;
 }
 
-/// What the turns with one kind of vector show.
+/// The rates that turns with one kind of vector show.
 ///
 /// A cycle is the time of one of a chain of sums of integers, on every processor known to us. The
 /// frequency changes with load and with the width of vectors, so products are counted a cycle of

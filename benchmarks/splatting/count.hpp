@@ -21,7 +21,7 @@ struct Block {
     }
 };
 
-/// What a render blended.
+/// Counts of what a render blended.
 struct BlendCount {
     double pairs = 0;        ///< of a pixel and a Gaussian
     double blocks = 0;       ///< of a block and an entry of its tile, with a blended pixel

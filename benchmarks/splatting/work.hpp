@@ -34,7 +34,7 @@ struct Work {
         rasterizer.vjp_into(backend, scene.gaussians, scene.camera, scene.background, raster,
                             RasterCotangent<float>{scene.cotangent}, gradient, &scratch);
     }
-    /// What the last render blended, in blocks of pixels.
+    /// Returns counts of what the last render blended, in blocks of pixels.
     BlendCount count(Block block) const {
         const Scene<float> s{raster.trace,     scene.gaussians, scene.background,
                              scene.camera.cx,  scene.camera.cy,         scene.camera.width,

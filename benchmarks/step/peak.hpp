@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/step/peak.hpp: the machine's peak rates, measured in a unit compiled with the roofline's
-/// flags; the step itself is compiled with the trainer's.
+/// benchmarks/step/peak.hpp: the machine's peak rates, measured in a unit compiled with the
+/// roofline's flags; the step itself is compiled with the trainer's.
 #pragma once
 
 namespace rye::bench {
@@ -8,7 +8,8 @@ namespace rye::bench {
 /// Flops of one thread [1/s], a fused product counting as two.
 double measured_peak();
 
-/// What n threads do at once, relative to one: fused products in registers; bytes of a = b + s c.
+/// The rates of n threads at once, relative to one: fused products in registers; bytes of
+/// a = b + s c.
 struct Together {
     double products, bytes;
 };

@@ -215,7 +215,7 @@ void faster(benchmark::State& state) {
         state.counters[counter_name(part)] = both.serial.parts[part] / seconds;
 }
 
-/// What the machine itself has of n threads, a bound for everything above.
+/// Measures the machine's own gain of n threads, a bound for everything above.
 void machine(benchmark::State& state) {
     Together together{};
     for (auto _ : state) together = measured_together(static_cast<int>(state.range(0)));

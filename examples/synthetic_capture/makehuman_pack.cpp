@@ -20,7 +20,7 @@ using V3 = Vec3<double>;
 
 /// Units of the pack in a decimetre.
 constexpr double per_dm = 10;
-/// Where the middle between the eyeballs is to be [dm], as in ICT-FaceKit's mean head.
+/// The middle between the eyeballs [dm], as in ICT-FaceKit's mean head.
 const V3 eyes_at(0, 0.36, 0.81);
 /// Displacements that are left out of the expressions, in units of the pack.
 constexpr double least_move = 2e-4;

@@ -58,8 +58,8 @@ class LidRims {
     std::vector<std::pair<Index, Index>> follows_;
 };
 
-/// What lids do that follow the gaze, at its full angles: the upper lid goes with the eye, the
-/// lower lid a part of the way, and both a little to the side.
+/// Adds the shapes of lids that follow the gaze, at its full angles: the upper lid goes with the
+/// eye, the lower lid a part of the way, and both a little to the side.
 void add_lid_shapes(const Source& source, Named& shapes) {
     for (const std::size_t e : {0U, 1U}) {
         const std::string unit =

@@ -17,7 +17,8 @@ using namespace rye::test;
 
 namespace {
 
-/// Where an eyeball's Gaussians are drawn: its centre, and its own z axis as a unit vector, world.
+/// The place of an eyeball's drawn Gaussians: its centre, and its own z axis as a unit vector,
+/// world.
 struct DrawnEye {
     Vec3<double> centre, axis;
 };

@@ -20,7 +20,8 @@ using namespace rye::test;
 
 namespace {
 
-/// Where products may be fused into sums, compilers choose which ones function by function.
+/// Bound of differences: compilers that may fuse products into sums choose which ones function by
+/// function.
 #if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
 constexpr double most_ulps = 64;
 #else
@@ -39,7 +40,7 @@ std::map<std::string, Columns<T>> fields_of(const TwoStream<T, E>& avatar) {
     return all;
 }
 
-/// What an avatar looks like, and the gradients of a loss.
+/// The Gaussians of an avatar, and the gradients of a loss.
 template <class T>
 struct Pass {
     Gaussians<T> gaussians;

@@ -391,7 +391,7 @@ void avatar_lists_grow(const Device& device, const CudaQueue& queue, AvatarCase<
     CHECK(gradients_apart(found, fresh.gradient, 0.0) == "");
 }
 
-/// What a device refuses.
+/// Checks what a device refuses.
 template <class Networks, EffectSet E, class Device>
 void avatar_bad_input(const Device& device, const CudaQueue& queue, const AvatarCase<E>& c) {
     using Avatar = DeviceTwoStream<E, Device, Networks>;

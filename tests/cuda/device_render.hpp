@@ -77,7 +77,7 @@ struct DeviceCloud {
           scale(d, q, g.scale),
           opacity(d, q, g.opacity),
           feature(d, q, g.feature) {}
-    /// As many, of no value yet.
+    /// Makes n Gaussians, of no value yet.
     DeviceCloud(const Device& d, const CudaQueue& q, Index n, Index channels)
         : mean(d, q, 3, n),
           rotation(d, q, 4, n),
@@ -110,7 +110,7 @@ struct DeviceRender {
     int draws = 0; ///< until there was room
     std::size_t bytes = 0;
 
-    /// Of each tile: Gaussians near to far.
+    /// Gaussians of each tile, near to far.
     std::vector<std::vector<std::uint32_t>> lists;
 };
 

@@ -17,7 +17,7 @@ namespace rye::test {
 /// Tiles with room for networks of gaze mechanisms, channels of the tiny avatar's renders.
 using DrawnWide = DeviceDrawingPolicy<DeviceNetworks<3, 128, 64, 64>, KernelChannels<8>>;
 
-/// What is drawn of an avatar: its picture, and each eye's share of the pixels.
+/// Views of an avatar: its picture, and each eye's share of the pixels.
 struct DrawnViews {
     Image<float> picture, eyes;
 
@@ -202,7 +202,7 @@ void drawer_by_difference(const Device& on, const CudaQueue& queue) {
     CHECK(networks(larger) == 0);
 }
 
-/// What a drawer refuses, and that it goes on afterwards.
+/// Checks what a drawer refuses, and that it goes on afterwards.
 template <class Device>
 void drawer_bad_input(const Device& device, const CudaQueue& queue) {
     using E = PaperEffects;

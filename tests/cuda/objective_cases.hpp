@@ -13,7 +13,7 @@
 
 namespace rye::test {
 
-/// What of the objective a case turns on.
+/// The parts of the objective that a case turns on.
 struct ObjectiveCase {
     bool eyes_high = true, scale = false;
     double face_alone = 0, dssim = 0;

@@ -72,7 +72,7 @@ std::map<std::string, double> step_gaps(const MeshStep<T>& found, const MeshStep
     return gaps;
 }
 
-/// What of the names that begin with `of` is farther apart than `bound`, in words.
+/// Returns in words which of the names that begin with `of` are farther apart than `bound`.
 inline std::string beyond(double bound, const std::map<std::string, double>& gaps,
                           const std::string& of = "") {
     std::string names;

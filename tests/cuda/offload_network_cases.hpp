@@ -81,7 +81,7 @@ void offload_against_host(const Device& device, const CudaQueue& queue, Staging&
                            .topRows(1))) < bound);
 }
 
-/// What an offload refuses.
+/// Checks what an offload refuses.
 template <class Device, DeviceMemory Staging>
 void offload_faults(const Device& device, const CudaQueue& queue, Staging& staging) {
     using Offload = NetworkOffload<Device, MlpTiles<2, 64, 32>>;

@@ -15,7 +15,7 @@
 
 namespace rye::test {
 
-/// What of a training a case turns on.
+/// The parts of a training that a case turns on.
 struct StepCase {
     bool measured = true; ///< losses as the preset `cpu` has them, else the paper's
     bool scaled = true;
@@ -435,8 +435,8 @@ void steps_counted(const Device& device, const CudaQueue& queue, const DeviceAre
     }
 }
 
-/// Where lists have no room, steps wait for it and are taken then: the bits of a trainer that has
-/// had room from the beginning.
+/// Checks that steps whose lists have no room wait for it and are taken then, with the bits of a
+/// trainer that has had room from the beginning.
 template <class Policy, class Device>
 void steps_make_room(const Device& device, const CudaQueue& queue) {
     StepScene scene({});

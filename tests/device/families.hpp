@@ -495,7 +495,7 @@ struct LivingEyes {
     }
 };
 
-/// What the head's motion, and kappa, do to points, and back.
+/// The head's motion, and kappa, of points, and back.
 struct Motions {
     static constexpr const char* name = "motions of head and eyes";
     static constexpr int inputs = 6 + 3 + 4 + 3 + 4 + 2, outputs = 16 + 3 + 7 + 16 + 6 + 4 + 2;

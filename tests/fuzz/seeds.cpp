@@ -234,7 +234,7 @@ void texts() {
                               "\"OPENCV\"", "\"camera_angle_x\":", "\"fl_x\":", "\"k4\":", "1e308"});
 }
 
-/// What a run that travels reads.
+/// Writes seeds of what `rye` reads when a head travels.
 void travel() {
     const std::string place =
         R"({"size":[8,6],"fov":30,"up":[0,1,0],"look_at":[0,0,0],"cameras":[)";
@@ -345,7 +345,7 @@ void corrected() {
                 "\"extrinsic\":", "null", "-1", "1e999", "{}"});
 }
 
-/// What imports read: their own record, and an export of VHAP.
+/// Writes seeds of what imports read: their own record, and an export of VHAP.
 void imports() {
     seed("import_record", "two",
          std::string(R"({"job":{"kind":"gha","source":"/a"},"frames":{"0001":{"views":3,)") +

@@ -53,7 +53,8 @@ Mat4 some_view() {
     return v;
 }
 
-/// Where the specification's own divisions put a point in a window whose rows go down [px].
+/// Returns the place of a point in a window whose rows go down, by the specification's own
+/// divisions [px].
 Vec2<double> in_window(const Mat4& view, const Mat4& projection, const Vec3<double>& x, int width,
                        int height) {
     Vec4<double> world;

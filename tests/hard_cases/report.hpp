@@ -103,7 +103,7 @@ template <class M>
     requires(!std::is_same_v<M, bool>)
 bool truth(const M& mask) { return xsimd::all(mask); }
 
-/// As std::max, but NaN is the largest.
+/// Raises `worst` to x if x is larger; NaN is the largest.
 inline void worsen(double& worst, double x) {
     if (!(x <= worst) && !std::isnan(worst)) worst = x;
 }

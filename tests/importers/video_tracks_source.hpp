@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/importers/video_tracks_source.hpp: tracks of a head that is known, as a tracker without bias
-/// would write them: a shell of 468 points whose jaw and brow move, with eyes that turn.
+/// tests/importers/video_tracks_source.hpp: tracks of a head that is known, as a tracker without
+/// bias would write them: a shell of 468 points whose jaw and brow move, with eyes that turn.
 #pragma once
 
 #include <array>
@@ -24,7 +24,7 @@ struct KnownVideo {
     std::function<Vec3<double>(int)> target;
 };
 
-/// What is true in one picture.
+/// The truth of one picture.
 struct KnownPicture {
     Rigid<double> head;               ///< head to camera (x right, y down, z forward), dm
     Vec2<double> look = Vec2<double>::Zero(); ///< pitch and yaw that the coefficients say [rad]

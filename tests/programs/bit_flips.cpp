@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// bit_flips [FLIPS] [SEED]: flips one bit of each file of a run, of its exports, of a comparison
-/// and of a capture, FLIPS times each (40 unless given), and reads it as the program does. A flip is
-/// detected if there is an Error or a warning that names the file; it has no effect if all that was
-/// read is the same, bit for bit. Anything else is silent, and a fault. A .splat has no place for a
-/// checksum: its silent flips are counted, not refused.
+/// and of a capture, FLIPS times each (40 unless given), and reads it as the program does. A flip
+/// is detected if there is an Error or a warning that names the file; it has no effect if all that
+/// was read is the same, bit for bit. Anything else is silent, and a fault. A .splat has no place
+/// for a checksum: its silent flips are counted, not refused.
 #include <cstdio>
 #include <cstdlib>
 #include <functional>
@@ -62,7 +62,7 @@ void put(const fs::path& path, const std::string& text) {
     write_atomic(path, as_bytes(text), Durability::atomic_only);
 }
 
-/// What read() returns and says on standard error, or the Error's words.
+/// The result of read() and its words on standard error, or the Error's.
 struct Outcome {
     bool refused = false;
     std::string content, words;

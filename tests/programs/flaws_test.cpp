@@ -109,7 +109,7 @@ void append(std::vector<double>& to, const Vec3<double>& v, double factor) {
     for (const int k : {0, 1, 2}) to.push_back(factor * v[k]);
 }
 
-/// Of each frame and each of its eyes.
+/// Measures each frame and each of its eyes.
 Measure of_eyes(
     const std::function<void(const CaptureEye&, const CaptureEye&, std::vector<double>&)>& f,
     int eyes = 2) {
@@ -132,7 +132,7 @@ Measure of_frames(
     };
 }
 
-/// Of each camera, which must be the same in all frames.
+/// Measures each camera, which must be the same in all frames.
 Measure of_cameras(const std::function<void(const Pinhole<double>&, const Pinhole<double>&,
                                             std::vector<double>&)>& f) {
     return [=](const Capture& a, const Capture& b, std::vector<double>& out) {

@@ -91,7 +91,7 @@ class Asked : public ViewedScene {
     std::vector<std::string> accuracies_{"coarse", "fine"};
 };
 
-/// What the port of this machine answers to these bytes, until it closes the connection.
+/// Returns the answer of this machine's port to these bytes, until it closes the connection.
 std::string talk(int port, const std::string& bytes) {
     const int s = ::socket(AF_INET, SOCK_STREAM, 0);
     sockaddr_in to{};

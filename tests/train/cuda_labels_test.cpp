@@ -10,7 +10,7 @@ using namespace rye::test;
 
 namespace {
 
-/// As the steps' cases have it.
+/// The policy of the steps' cases.
 using Drawn = DeviceTrainerPolicy<DeviceNetworks<3, 32, 32, 32>, KernelChannels<3, 8>, Balanced, 3>;
 
 } // namespace

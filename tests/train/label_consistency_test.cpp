@@ -133,7 +133,7 @@ struct Spread {
     }
 };
 
-/// What is left of the errors after the motions that were found.
+/// Returns the errors that are left after the motions that were found.
 std::vector<RigidMotion<double>> remaining(const std::vector<RigidMotion<double>>& found,
                                            const std::vector<RigidMotion<double>>& error) {
     std::vector<RigidMotion<double>> all;
@@ -305,7 +305,7 @@ TEST_CASE("fewer than three frames are not aligned") {
 
 namespace {
 
-/// As many landmarks as the program has, about evenly over a cap, and smooth displacements of them:
+/// Returns as many landmarks as the program has, about evenly over a cap, with smooth displacements
 /// of second order in the place, 0.04 in all.
 std::vector<Columns<double>> smoothly_moved(Index frames) {
     constexpr Index side = 20;

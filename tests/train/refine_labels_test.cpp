@@ -65,7 +65,7 @@ std::vector<Pinhole<T>> cameras(int side) {
     return all;
 }
 
-/// What the avatar shows at the drivers.
+/// Returns the avatar's pictures at the drivers.
 template <class T, class B>
 std::vector<LabelView<T>> photographs(const B& backend, const TrainedAvatar<T>& avatar,
                                       const Drivers<T, TrainedEffects>& drivers, int side) {

@@ -55,7 +55,7 @@ struct Step {
     std::vector<std::string> words; ///< of its command line
 };
 
-/// What was done in a folder of work, in its avatar.json.
+/// The record of a folder of work, its avatar.json.
 class Record {
   public:
     /// Throws an Error if the folder is of another job, or of something else.

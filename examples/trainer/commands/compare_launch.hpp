@@ -20,7 +20,7 @@ struct LauncherFile {
     bool program = false; ///< may be executed
 };
 
-/// What the files name, by whole paths.
+/// The paths that the files name, whole.
 struct LauncherPaths {
     std::filesystem::path out, program;
     std::vector<std::filesystem::path> inputs; ///< that tasks read

@@ -117,8 +117,8 @@ std::unique_ptr<DeviceLabels> device_of(const RefineCommand& o, const TrainState
 }
 
 /// Returns whether landmarks, vertices and eyeball centres move with a head whose pose changes.
-/// Those of a face model were fitted with the pose and agree with it; where they do not, they were
-/// measured apart from it.
+/// Returns how points of the head are taken. Those of a face model were fitted with the pose and
+/// agree with it; those that do not were measured apart from it.
 HeadPoints head_points(const RefineCommand& o, const std::filesystem::path& folder) {
     if (o.points != "auto") return o.points == "kept" ? HeadPoints::kept : HeadPoints::moved;
     if (o.no_pose) return HeadPoints::moved;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /// corrections/cameras.hpp: detection and correction, before a training, of cameras whose pose or
 /// focal length is wrong, by the eyes in their pictures, which are not at the position that labels
-/// and camera give, and by the skin, which is not where other cameras show it. Cameras that are right to within the bound keep their bits. The result is the
-/// position of the head in a camera's pictures: a rotation and a shift with the same effect share
-/// it. Source: corrections/camera_fit.hpp, corrections/skin_positions.hpp;
-/// docs/refine.md.
+/// and camera give, and by the skin, which is not where other cameras show it. Cameras that are
+/// right to within the bound keep their bits. The result is the position of the head in a camera's
+/// pictures: a rotation and a shift with the same effect share it. Source:
+/// corrections/camera_fit.hpp, corrections/skin_positions.hpp; docs/refine.md.
 #pragma once
 
 #include <string>
@@ -48,14 +48,15 @@ struct CameraFindings {
 /// bits.
 CameraFindings correct_cameras(Capture& capture, const TrainConfig& config);
 
-/// Where cameras were wrong, switches on the correction of all cameras' poses in stage 2
-/// (gaussians.rates.delta_view), unless the configuration has it already. Returns a sentence that
+/// Switches on the correction of all cameras' poses in stage 2 (gaussians.rates.delta_view) if
+/// cameras were wrong, unless the configuration has it already. Returns a sentence that
 /// says so, or nothing.
 std::string refine_further(const CameraFindings& findings, const Capture& capture,
                            TrainConfig& config);
 
 /// Returns the capture's corrected cameras after a training's further corrections (6 x cameras, or
-/// empty; TwoStream::delta_view): those of all cameras, whose `wrong` numbers are the capture's own.
+/// empty; TwoStream::delta_view): those of all cameras, whose `wrong` numbers are the capture's
+/// own.
 std::vector<CorrectedCamera> trained_cameras(const Capture& capture,
                                              const Columns<float>& delta_view);
 

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// corrections/reflections.hpp: what the corneas in pictures mirror. Each pixel over an iris mirrors a
-/// direction of the world. Its colour less what the same part of the iris has in other pictures,
-/// averaged over the pixels that mirror the same direction, is a map of the surroundings, on which
-/// lights stand out.
-/// Frames: directions in the world, unit vectors.
+/// corrections/reflections.hpp: what the corneas in pictures mirror. Each pixel over an iris
+/// mirrors a direction of the world. Its colour less what the same part of the iris has in other
+/// pictures, averaged over the pixels that mirror the same direction, is a map of the surroundings,
+/// on which lights stand out. Frames: directions in the world, unit vectors.
 #pragma once
 
 #include <functional>
@@ -47,7 +46,7 @@ void add_mirrored_pixels(const Image<float>& picture, const Columns<float>& area
 /// the irises, by eye, then that of each picture of an eye.
 void subtract_own_colours(std::vector<MirroredPixel>& pixels);
 
-/// What is mirrored from a small part of all directions.
+/// The light that is mirrored from a small part of all directions.
 struct ReflectedPart {
     Vec3<double> to;     ///< mean direction of its pixels
     Vec3<double> colour; ///< mean of their colours, less what their parts of the iris have
@@ -62,7 +61,7 @@ using KnownLight = std::function<Vec3<float>(const Vec3<float>& to)>;
 std::vector<ReflectedPart> reflected_parts(std::vector<MirroredPixel> pixels, double side,
                                            int least, const KnownLight& known = {});
 
-/// What photographs and renders of the same views mirror.
+/// Reflections in photographs and renders of the same views.
 struct Reflections {
     std::vector<MirroredPixel> photograph, render;
     int pictures = 0; ///< of an eye

@@ -23,7 +23,7 @@ struct GridConfig {
     bool subdivide = true;    ///< once more for stage 2, as GHA does
 };
 
-/// What an epoch goes through: the training frames, each by cameras drawn at random, or all their
+/// The items of an epoch: the training frames, each by cameras drawn at random, or all their
 /// pictures.
 enum class EpochsOver { frames, pictures };
 

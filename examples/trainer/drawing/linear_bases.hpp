@@ -19,7 +19,7 @@ struct BasisBounds {
     float opacity = 6.0F / 255;
 };
 
-/// What bases are made of.
+/// The inputs of bases.
 struct BasesOf {
     const TrainState& state;
     const Drivers<float>& rest;            ///< those of the splat file

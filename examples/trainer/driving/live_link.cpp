@@ -158,7 +158,7 @@ Table read_table(std::string_view text, const std::string& who) {
     return table;
 }
 
-/// What an angle that follows a coefficient of looking says of its own sign and unit.
+/// The sign and unit of an angle, by a coefficient of looking that it follows.
 struct Agreement {
     double correlation = 0, slope = 0;
 };

@@ -18,7 +18,7 @@ struct ExpressionMix {
     Columns<double> weights;        ///< E x K
 };
 
-/// What moves how in an avatar that a track of these names drives.
+/// The rule by which a track of these names moves an avatar.
 class Retarget {
   public:
     /// tracked: names of a track's coefficients; avatar: those of the avatar's, none if it has no

@@ -37,7 +37,7 @@ Mat3<double> left_jacobian(const Vec3<double>& w) {
     return Mat3<double>::Identity() + a * k + b * k * k;
 }
 
-/// What a tracker sees of a landmark: place and depth behind the head's origin [px], but for an
+/// A landmark as a tracker sees it: place and depth behind the head's origin [px], but for an
 /// offset of all depths of a picture. Derivatives by the landmark and by the head's translation.
 struct Projected {
     Vec3<double> at;

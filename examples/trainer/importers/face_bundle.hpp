@@ -16,7 +16,7 @@
 
 namespace rye::trainer {
 
-/// What is seen in one picture, and a guess of the head's pose.
+/// The landmarks seen in one picture, and a guess of the head's pose.
 struct FaceView {
     Columns<double> seen;  ///< 3 x N: u, v and depth behind any plane of the picture [px]
     Rigid<double> head;    ///< head to camera
@@ -31,7 +31,8 @@ struct BundleSettings {
     double turn_sigma = 0;         ///< of each head's turn from its guess [rad]; 0: not known before
     double shape_sigma = 0.02;     ///< of a displacement by a driver of 1, known before
     double first_sigma = 1;        ///< of a tracked coordinate before it is estimated [px]
-    /// Errors that are alike, in neighbouring landmarks and from picture to picture, counted as one.
+    /// Errors that are alike, in neighbouring landmarks and from picture to picture, counted as
+    /// one.
     double alike = 400;
     int rounds = 4, stride = 4;    ///< the bundle has every stride-th landmark
 };
@@ -50,8 +51,8 @@ struct FaceBundle {
     Columns<double> landmarks(const VecX<double>& drivers) const;
 };
 
-/// Returns the head that explains the views best. `rest` is a guess, 3 x N. Throws an Error for fewer
-/// than 3 views.
+/// Returns the head that explains the views best. `rest` is a guess, 3 x N. Throws an Error for
+/// fewer than 3 views.
 FaceBundle bundle_face(const std::vector<FaceView>& views, const Columns<double>& rest,
                        const BundleSettings& settings);
 

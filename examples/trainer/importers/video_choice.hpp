@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// importers/video_choice.hpp: which pictures of a video a capture takes: those with one whole, sharp
-/// face, and of these the ones that differ most in head pose, gaze and expression.
+/// importers/video_choice.hpp: which pictures of a video a capture takes: those with one whole,
+/// sharp face, and of these the ones that differ most in head pose, gaze and expression.
 #pragma once
 
 #include <functional>
@@ -20,15 +20,15 @@ struct VideoChoice {
     int spare = 0;             ///< good ones, but like others that are taken
 };
 
-/// What a caller thinks of a picture.
+/// A caller's opinion of a picture.
 enum class Wanted {
     no,
     otherwise, ///< only if head and expression are like those of no preferred one
     preferred,
 };
 
-/// Returns at most `most` pictures, of those that are wanted. Throws an Error, with what is wrong with
-/// the others, if there are fewer than least_pictures.
+/// Returns at most `most` pictures, of those that are wanted. Throws an Error, with what is wrong
+/// with the others, if there are fewer than least_pictures.
 VideoChoice choose_pictures(
     const Tracks& tracks, int most,
     const std::function<Wanted(const TrackedPicture&)>& wanted =

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// importers/video_dots.hpp: gazes of a video by dots on a screen beside the camera that were looked
-/// at. When their clock begins in the video follows from the gazes that are known without them.
+/// importers/video_dots.hpp: gazes of a video by dots on a screen beside the camera that were
+/// looked at. When their clock begins in the video follows from the gazes that are known without
+/// them.
 #pragma once
 
 #include <optional>
@@ -25,19 +26,20 @@ struct DotClock {
     std::optional<GazeDot> looked_at(const TrackedPicture& picture) const;
 };
 
-/// Returns when the dots were shown: when what the tracker says of gazes follows them best. Throws an
-/// Error, which begins with `who`, if that is at no time: a correlation below 0.5 in 12 pictures or more.
+/// Returns when the dots were shown: when what the tracker says of gazes follows them best. Throws
+/// an Error, which begins with `who`, if that is at no time: a correlation below 0.5 in 12 pictures
+/// or more.
 DotClock find_dots(const Tracks& tracks, std::vector<GazeDot> dots, const std::string& who);
 
-/// What the dots said of the gazes.
+/// The gazes by the dots.
 struct DotGazes {
     int pictures = 0;   ///< in which a dot was looked at
     double off_deg = 0; ///< root mean square of the gazes' changes, an angle
 };
 
-/// Turns the eyes of poses to the dots: optical axes of average eyes whose lines of sight meet there.
-/// The camera's plane is the screen's. Gazes of other poses follow as those did from what they were, on
-/// a line for each angle.
+/// Turns the eyes of poses to the dots: optical axes of average eyes whose lines of sight meet
+/// there. The camera's plane is the screen's. Gazes of other poses follow as those did from what
+/// they were, on a line for each angle.
 DotGazes look_at_dots(const Tracks& tracks, const DotClock& clock, VideoHead& head);
 
 } // namespace rye::trainer

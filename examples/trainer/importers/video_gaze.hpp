@@ -8,7 +8,7 @@
 
 namespace rye::trainer {
 
-/// What the pictures said of the gazes.
+/// The gazes by the pictures.
 struct VideoGazes {
     int seen = 0;      ///< eyes whose iris was found, of all poses
     double up_deg = 0; ///< mean change of both eyes' pitch; 0 if too few were seen

@@ -19,14 +19,14 @@ namespace {
 constexpr double tracker_view_deg = 63;
 /// Likely focal length over the longer side: cameras of phones and webcams, as they film.
 constexpr double likely_focal = 1.0;
-/// Deviations of the focal length's logarithm: of what is likely, and of it beside the landmarks, which
-/// hardly count: by four rendered heads they say 8 to 15 % too much.
+/// Deviations of the focal length's logarithm: of what is likely, and of it beside the landmarks,
+/// which hardly count: by four rendered heads they say 8 to 15 % too much.
 constexpr double focal_deviation = 0.1, focal_sigma = 0.01;
-/// Of the tracker's turn of a head: landmarks alone give worse ones.
+/// Error of the tracker's turn of a head: landmarks alone give worse ones.
 constexpr double turn_sigma_deg = 1;
-/// Turns of an eye by a coefficient of 1, aside (eyeLookInLeft) and up (eyeLookUpLeft) [deg], and the
-/// share of the camera's direction, seen from the head, by which the tracker takes eyes to look at it.
-/// Of five rendered heads that turn by 40 degrees.
+/// Turns of an eye by a coefficient of 1, aside (eyeLookInLeft) and up (eyeLookUpLeft) [deg], and
+/// the share of the camera's direction, seen from the head, by which the tracker takes eyes to look
+/// at it. Of five rendered heads that turn by 40 degrees.
 constexpr double look_aside_deg = 27, look_up_deg = 30, drawn_to_camera = 0.2;
 /// Distance at which eyes that look around converge [dm].
 constexpr double usual_distance = 8;
@@ -49,7 +49,8 @@ Vec3<double> median_of(const std::vector<Vec3<double>>& all) {
     return middle;
 }
 
-/// Says in which direction the tracker's coefficients look, (yaw, pitch), and that of an expression.
+/// Says in which direction the tracker's coefficients look, (yaw, pitch), and that of an
+/// expression.
 class Drivers {
   public:
     explicit Drivers(const std::vector<std::string>& names) : names_(names) {
@@ -79,8 +80,8 @@ Rigid<double> guessed_head(const TrackedPicture& p, double focal, int height) {
     return head;
 }
 
-/// Places a landmark in the head by the tracker's depth of it, which is that behind a plane of its own:
-/// at + offset * by.
+/// Places a landmark in the head by the tracker's depth of it, which is that behind a plane of its
+/// own: at + offset * by.
 struct Lifted {
     Vec3<double> at, by;
 };
@@ -91,9 +92,9 @@ Lifted lifted(const Vec3<double>& seen, const Rigid<double>& head, const BundleS
             head.turn_back(Vec3<double>(head.rotation(2, 2) * ray))};
 }
 
-/// Returns the landmarks of a head at rest that the tracker's depths say: the median of the pictures
-/// that show the face from the front, or of all if few do. The plane of the depths is the one, across
-/// the head's z axis, by which landmarks stay where they are in the head when it turns.
+/// Returns the landmarks of a head at rest that the tracker's depths say: the median of the
+/// pictures that show the face from the front, or of all if few do. The plane of the depths is the
+/// one, across the head's z axis, by which landmarks stay where they are in the head when it turns.
 Columns<double> guessed_rest(const std::vector<const TrackedPicture*>& pictures,
                              const std::vector<FaceView>& views, const BundleSettings& s) {
     const auto count = static_cast<double>(views.size());
@@ -137,8 +138,8 @@ Vec3<double> middle_of_lids(const Columns<double>& landmarks, std::size_t eye) {
     return sum;
 }
 
-/// Diameter of an iris in the picture [px]: the longer axis of the ellipse through its rim, of which
-/// two diameters that were at right angles are seen.
+/// Diameter of an iris in the picture [px]: the longer axis of the ellipse through its rim, of
+/// which two diameters that were at right angles are seen.
 double iris_pixels(const TrackedPicture& p, std::size_t eye) {
     const Index rim = face_iris[eye] + 1;
     const Vec2<double> a = (p.landmarks.col(rim) - p.landmarks.col(rim + 2)).head<2>(),
@@ -147,8 +148,8 @@ double iris_pixels(const TrackedPicture& p, std::size_t eye) {
     return std::sqrt(0.5 * (sum + std::sqrt(std::max(0.0, sum * sum - 4 * area * area))));
 }
 
-/// Returns the optical axes of a look. Irises are a worse measure: they follow the lids more than the
-/// eye. video_gaze.hpp corrects it.
+/// Returns the optical axes of a look. Irises are a worse measure: they follow the lids more than
+/// the eye. video_gaze.hpp corrects it.
 std::array<Vec3<double>, 2> gazes_of(const Vec2<double>& look, const Vec3<double>& to_camera,
                                      const std::array<VideoEye, 2>& eyes) {
     const Vec2<double> seen = pitch_yaw(direction_of(look));

@@ -10,7 +10,7 @@
 
 namespace rye::trainer {
 
-/// Where tools are, as far as the user says; an empty path is looked for.
+/// The paths of tools, as far as the user says; an empty one is looked for.
 struct VideoToolOptions {
     std::filesystem::path modules;    ///< node_modules; else $RYE_MODULES, else ./node_modules
     std::filesystem::path landmarker; ///< else $RYE_FACE_LANDMARKER, else ./face_landmarker.task
@@ -21,8 +21,8 @@ struct VideoTools {
     std::filesystem::path ffmpeg, ffprobe, node, chromium, modules, landmarker, tracker;
 };
 
-/// Returns all tools. Throws an Error that names each that is missing, with the command that installs
-/// it. The browser is $CHROMIUM, else chromium, chromium-browser or google-chrome of PATH.
+/// Returns all tools. Throws an Error that names each that is missing, with the command that
+/// installs it. The browser is $CHROMIUM, else chromium, chromium-browser or google-chrome of PATH.
 VideoTools find_video_tools(const VideoToolOptions& options);
 
 /// Writes the tracks of a video to a folder: every `every`-th picture (0: every third, or fewer, so

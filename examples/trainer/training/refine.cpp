@@ -52,7 +52,7 @@ LabelView<float> label_view(const Capture& capture, int frame, int camera, int b
     return v;
 }
 
-/// What refine_frames takes.
+/// The inputs of refine_frames.
 struct FramesToRefine {
     GazeAxis axis;
     const Capture& capture;
@@ -140,9 +140,10 @@ std::optional<MeanChange> mean_change(const std::vector<RefinedFrame>& frames, I
     return m;
 }
 
-/// Subtracts from the frames what their mean change does not say of the labels: of gazes the rest is
-/// the avatar's kappa, or its own labels' mean; that of poses is the head's frame. Ignores outliers.
-/// For a single frame the mean would be all of it. Closed eyes get the mean of the others.
+/// Subtracts from the frames what their mean change does not say of the labels: of gazes the rest
+/// is the avatar's kappa, or its own labels' mean; that of poses is the head's frame. Ignores
+/// outliers. For a single frame the mean would be all of it. Closed eyes get the mean of the
+/// others.
 VecX<double> take_mean(RefinedCapture& refined, const RefineOptions& options) {
     const LabelUnknowns& u = refined.unknowns;
     VecX<double> taken = VecX<double>::Zero(u.count());

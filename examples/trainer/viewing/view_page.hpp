@@ -13,7 +13,8 @@
 
 namespace rye::trainer {
 
-/// What moves a head beside the page. Changes drivers; returns false if it has nothing to say now.
+/// A source of drivers beside the page. Changes drivers; returns false if it has nothing to say
+/// now.
 using LiveDriver = std::function<bool(Drivers<float>&)>;
 
 class ViewPage {

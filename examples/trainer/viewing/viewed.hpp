@@ -31,7 +31,7 @@ struct ViewedPicture {
     Index pixels = 0;    ///< that were computed
 };
 
-/// What an accuracy costs in the view of a wish.
+/// The price of an accuracy in the view of a wish.
 struct ViewedPrice {
     std::string accuracy;
     double ms = 0;             ///< of a picture from a new camera, median of some

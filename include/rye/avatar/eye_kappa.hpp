@@ -61,8 +61,8 @@ RYE_HD void take_turn_sums(const T* sum, TurnCotangent<T>& g) {
     for (int k = 0; k < 4; ++k) g.quaternion[k] += sum[9 + k];
 }
 
-/// What an eye's kappa acts on: cotangents of the smallest rotation to the optical axis, of the
-/// axis itself, and of the gaze's code, or null.
+/// Cotangents that an eye's kappa acts on: those of the smallest rotation to the optical axis, of
+/// the axis itself, and of the gaze's code, or null.
 template <class T>
 struct OpticalCotangent {
     TurnCotangent<T> turn;

@@ -30,7 +30,7 @@ struct AttributeFields {
 
 } // namespace detail
 
-/// What each driver of the face has its things under: in FaceFields, in Weights, in FrameCode. The
+/// The names of each driver of the face: in FaceFields, in Weights, in FrameCode. The
 /// attributes (log-scale, quaternion, logit opacity) are stage 2's; the gaze has none.
 struct ExpressionField {
     static constexpr std::size_t driver = 0; ///< place in the order of sums

@@ -25,13 +25,14 @@ struct FaceStream : detail::AttributeFields<detail::NetworkOf<T, E>, E> {
     Columns<T> opacity_logit;  ///< 1 x N
     [[no_unique_address]] FaceNetworks<T, E> networks;
 
-    /// What effects that were left out gave to the colour, C x N, where one was (avatar/hold.hpp).
+    /// The colour that effects gave which were left out, C x N, if there were any
+    /// (avatar/hold.hpp).
     [[no_unique_address]] detail::RestSlot<E, Columns<T>> rest_color;
 
     /// Fixed neutral landmarks, 3 x L.
     [[no_unique_address]] detail::Slot<E, FaceDrivers, Columns<T>, 1> landmarks;
-    /// Where the networks see the Gaussians, 3 x N, if effects that were left out moved `position`
-    /// away from there; else empty.
+    /// Positions at which the networks see the Gaussians, 3 x N, if effects that were left out
+    /// moved `position` away from there; else empty.
     [[no_unique_address]] detail::RestSlot<E, Columns<T>, 1> anchor;
 
     template <class F, class... P>

@@ -135,7 +135,7 @@ void squash_range(Squash squash, FieldRange r, Columns<T>& y) {
     y.middleCols(r.begin, r.end - r.begin) = piece;
 }
 
-/// Those columns, in that order, on the backend's threads.
+/// Copies the columns `which` in their order, on the backend's threads.
 template <class T, Backend B>
 void pick_into(const B& backend, const Columns<T>& all, const std::vector<Index>& which,
                Columns<T>& picked) {

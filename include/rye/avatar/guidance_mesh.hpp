@@ -280,8 +280,8 @@ struct PosedCotangent {
     const DeformCotangents<T, E>& raw;
 };
 
-/// What pose_mesh_vjp adds to: networks and landmarks, and the neutral surface's vertices, which
-/// lead to the geometry.
+/// Gradients that pose_mesh_vjp adds to: of networks and landmarks, and of the neutral surface's
+/// vertices, which lead to the geometry.
 template <class T, EffectSet E>
 struct PosedGradients {
     GuidanceMesh<T, E>& mesh;

@@ -71,7 +71,7 @@ struct LogLight {
     RYE_HD T at(const Vec3<T>& n) const { return dot(n, Vec3<T>(linear + quadratic * n)); }
     /// Its gradient by the normal.
     RYE_HD Vec3<T> slope(const Vec3<T>& n) const { return linear + T(2) * (quadratic * n); }
-    /// As a cotangent: adds that of a value at n.
+    /// Adds the cotangent g of a value at n; this holds cotangents.
     RYE_HD void add(const T& g, const Vec3<T>& n) {
         linear += g * n;
         quadratic += g * (n * n.transpose());

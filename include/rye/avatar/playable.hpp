@@ -42,8 +42,8 @@ struct PlayableAvatar {
     /// optical ones.
     Drivers<T> neutral;
     DriverRanges<T> ranges;
-    /// Of the picture after super-resolution. The head at `neutral` in it is as large as in the
-    /// pictures of training.
+    /// The camera of the picture after super-resolution. The head at `neutral` in it is as large as
+    /// in the pictures of training.
     Pinhole<T> camera;
     VecX<T> background; ///< feature of what is behind the head, C
 
@@ -51,7 +51,7 @@ struct PlayableAvatar {
     bool visual_axes() const { return avatar.eyes.kappa.size() > 0; }
 };
 
-/// Where a head is at its neutral drivers [world units].
+/// The place of a head at its neutral drivers [world units].
 template <class T>
 struct HeadPlace {
     Vec3<T> middle; ///< of the box around the face's points at rest

@@ -12,8 +12,8 @@
 
 namespace rye {
 
-/// What does not change while an avatar is driven: influences, and codes and features of the points
-/// that each driver moves. A driver that the avatar has not moves no point.
+/// The constants of an avatar that is driven: influences, and codes and features of the points that
+/// each driver moves. A driver that the avatar has not moves no point.
 template <class T, EffectSet E = PaperEffects>
 struct RestPose {
     /// Points that one driver moves.
@@ -64,8 +64,8 @@ RestPose<T, E> rest_pose(const B& backend, const FaceStream<T, E>& face,
 
 namespace detail {
 
-/// Of each driver's points (as their numbers among these) those that lie in the union of some
-/// drivers' points, and that union: what is added up again when these drivers change.
+/// The union of some drivers' points, and each driver's points in it (as their numbers among its
+/// own): what is added up again when these drivers change.
 struct Reached {
     std::vector<Index> points;                            ///< ascending
     std::array<std::vector<Index>, face_drivers> listed;

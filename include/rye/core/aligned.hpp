@@ -48,7 +48,7 @@ class AlignedArray {
         }
         return memory_.get();
     }
-    /// As reserve, but the first `kept` elements stay.
+    /// Does what reserve does, but the first `kept` elements stay.
     T* grow(Index n, Index kept) {
         if (static_cast<std::size_t>(n) <= capacity_) return memory_.get();
         AlignedArray larger;

@@ -70,7 +70,7 @@ struct LevenbergSettings {
     double tolerance = 1e-4;    ///< relative decrease of the cost at which it has settled
 };
 
-/// What the steps led to.
+/// The result of the steps.
 template <Real T, LeastSquaresEquations<T> E = NormalEquations<T>>
 struct LevenbergResult {
     VecX<T> x;

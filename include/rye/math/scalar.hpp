@@ -27,14 +27,14 @@ struct Limits {
     static constexpr R nan = std::numeric_limits<R>::quiet_NaN();
 };
 
-/// Returns std::min, or std::max, in device code: of a NaN and a number, the first argument.
+/// Returns the smaller argument, also in device code; of a NaN and a number, the first one.
 /// (Batches and duals have their own.)
 template <class T>
     requires std::is_arithmetic_v<T>
 RYE_HD constexpr T min(const T& a, const T& b) {
     return b < a ? b : a;
 }
-/// As min.
+/// Returns the larger argument; of a NaN and a number, the first one.
 template <class T>
     requires std::is_arithmetic_v<T>
 RYE_HD constexpr T max(const T& a, const T& b) {

@@ -139,7 +139,7 @@ RYE_HD T smooth_step_slope(const T& x) {
     return x > T(0) && x < T(1) ? T(T(6) * x * (T(1) - x)) : T(0);
 }
 
-/// Where a camera's ray through a point meets the corneal sphere, and what is mirrored there; by
+/// The point where a camera's ray meets the corneal sphere, and what is mirrored there; by
 /// vectors of the cornea's size, so that rounding does not grow with the camera's distance.
 template <Scalar T>
 struct MirrorRay {

@@ -116,7 +116,7 @@ struct Compatible3dgs : Balanced {
     static constexpr int exp2_degree = 6;
 };
 
-/// As Compatible3dgs, but alpha reaches 0 at three standard deviations.
+/// The rules of Compatible3dgs, but alpha reaches 0 at three standard deviations.
 struct Compatible3dgsFloor : Compatible3dgs {
     RYE_HD constexpr Compatible3dgsFloor() { alpha_floor = 0.011108996538242306; }
     static constexpr bool has_floor = true;

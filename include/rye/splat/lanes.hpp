@@ -21,7 +21,7 @@ void dispatch_channels(Index channels, F&& f) {
     if (!few) f(std::integral_constant<int, 0>());
 }
 
-/// As PlainSplatKernels.
+/// The kernels of PlainSplatKernels, in lanes.
 template <class B, class T>
     requires LaneBackend<B, T>
 struct SplatKernels<B, T> {

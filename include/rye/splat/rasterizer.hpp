@@ -127,7 +127,7 @@ struct Rasterizer {
         forward_into(B{}, g, camera, background, out, scratch);
     }
 
-    /// As forward, into the memory of an earlier result.
+    /// Does what forward does, into the memory of an earlier result.
     template <Backend B, class T, Distortion D>
     void forward_into(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
                       const Pinhole<T, D>& camera, const VecX<T>& background, Drawn<T>& out,
@@ -201,7 +201,7 @@ struct Rasterizer {
         return vjp(B{}, g, camera, background, raster, g_feature);
     }
 
-    /// As vjp, into the memory of an earlier result.
+    /// Does what vjp does, into the memory of an earlier result.
     template <Backend B, class T, Distortion D>
     void vjp_into(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
                   const Pinhole<T, D>& camera, const VecX<T>& background, const Drawn<T>& raster,
@@ -234,7 +234,7 @@ struct Rasterizer {
         return out;
     }
 
-    /// As jvp, into the memory of an earlier result.
+    /// Does what jvp does, into the memory of an earlier result.
     template <Backend B, class T, Distortion D>
     void jvp_into(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
                   const RasterTangents<T, D>& tangents, const Pinhole<T, D>& camera,

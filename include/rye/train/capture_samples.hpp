@@ -132,7 +132,7 @@ AvatarSample<float> avatar_sample(const CaptureOf<P>& capture, const AvatarSampl
 
 namespace detail {
 
-/// What of a frame a step of stage 1 is shown.
+/// The part of a frame that a step of stage 1 is shown.
 struct MeshSampleShape {
     int frame;                 ///< index of CaptureLabels::frames
     std::vector<int> cameras;  ///< indices of camera_ids

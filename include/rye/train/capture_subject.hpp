@@ -47,7 +47,7 @@ struct CaptureSubject {
     }
 };
 
-/// Where eyeballs come from.
+/// The source of eyeballs.
 struct EyeSource {
     bool measured = true;          ///< centres and radii from gaze.npz where every frame has them
     double default_radius = 0.12;  ///< of the sclera otherwise, canonical units

@@ -57,7 +57,7 @@ struct FittedLids {
 
 namespace detail {
 
-/// What fit_lids draws its frames from.
+/// The source of fit_lids' frames.
 template <class T>
 struct LidFrames {
     const std::vector<VecX<T>>& expressions; ///< of the capture's frames, not empty
@@ -108,7 +108,8 @@ struct LidNetworks {
     }
 };
 
-/// What the fields are to add up to in one frame: at the lids first, then at some of the others.
+/// The sums that the fields are to have in one frame: at the lids first, then at some of the
+/// others.
 template <class T>
 struct LidExample {
     VecX<T> expression;

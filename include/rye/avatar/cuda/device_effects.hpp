@@ -38,7 +38,7 @@ inline constexpr bool part_has_kernels<RotatedCode> = true;
 template <>
 inline constexpr bool part_has_kernels<DrivenFeatures> = true;
 
-/// What a user replaces of an avatar has kernels; own effects have none.
+/// True if a user's parts of an avatar have kernels, and there are no effects of the user's own.
 template <class E>
 concept HasPartsOfDevice = !has_own_effects<E> && part_has_kernels<GazeMechanismOf<E>> &&
                            part_has_kernels<EyeAppearanceOf<E>>;

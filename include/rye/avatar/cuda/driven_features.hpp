@@ -212,7 +212,8 @@ class DeviceEyeAppearance<DrivenFeatures, Device, Networks> {
         for (std::size_t eye = 0; eye < 2; ++eye)
             if (network_[eye]) f(eye);
     }
-    /// Of the frame for an eye; from 2 on their cotangents, 0 for an eye without a network.
+    /// Returns the frame's inputs for eye k; from k = 2 on their cotangents, 0 for an eye without a
+    /// network.
     float* inputs_of(std::size_t k) const {
         return frame_.data() + k * static_cast<std::size_t>(frame_inputs_);
     }

@@ -65,7 +65,7 @@ static_assert(detail::LightEyePointVjp<float>::sums <= detail::light_room);
 
 namespace detail {
 
-/// What a light in an eye leads to: cotangents of the eye's transform, and of the light's place.
+/// Cotangents that a light in an eye leads to: of the eye's transform, and of the light's place.
 struct DeviceLightGradient {
     IntoEye<float> eye;
     Vec3<float> light; ///< in the world

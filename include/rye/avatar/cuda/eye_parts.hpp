@@ -68,8 +68,8 @@ struct DeviceTurnSums {
     const float* of[2];
 };
 
-/// What turns eyeballs by the mechanism M on a device, as an object with the functions that
-/// FixedEye's has below. Explicit rotation has none: the kernel that places the eyes does it.
+/// An object that turns eyeballs by the mechanism M on a device, with the functions that FixedEye's
+/// has below. Explicit rotation has none: the kernel that places the eyes does it.
 template <class M, class Device>
 class DeviceGazeMechanism;
 

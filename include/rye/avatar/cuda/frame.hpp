@@ -22,7 +22,7 @@ template <EffectSet E>
 inline constexpr bool frames_have_corrections =
     has_effect<E, ReadsHeadPose> || has_effect<E, Kappa>;
 
-/// Where the numbers of a frame's drivers lie, one after the other, as far as effects read them:
+/// Places of the numbers of a frame's drivers, one after the other, as far as effects read them:
 /// expression, pose, scale, gaze of each eye that turns, the camera's centre, the column of
 /// delta_pose and delta_gaze, -1 for none, that of delta_view, and its pivot.
 template <EffectSet E>
@@ -97,8 +97,8 @@ struct DriverPlaces {
     }
 };
 
-/// Where the codes of a frame lie: expression and pose code, which the eye offset reads as one
-/// column, then the gaze codes.
+/// Places of a frame's codes: expression and pose code, which the eye offset reads as one column,
+/// then the gaze codes.
 template <EffectSet E>
 struct CodePlaces {
     Index expression = 0, pose = 0, gaze[2] = {0, 0}, size = 0;
@@ -256,7 +256,7 @@ struct FrameCodesKernel {
     }
 };
 
-/// Where the sums of a frame's reverse pass lie: of the head's transform over the face and over
+/// Memory of the sums of a frame's reverse pass: of the head's transform over the face and over
 /// each eye, and cotangents of the codes, as CodePlaces has them.
 struct DeviceFrameSums {
     const float* face;   ///< head_sums, or null

@@ -247,7 +247,7 @@ class DeviceEyeAppearance<RotatedCode, Device, Networks> {
 
   private:
     static constexpr Index rows = RotatedCode::latent_size;
-    /// Of an eye; from 2 on their cotangents.
+    /// Returns the code of eye k; from k = 2 on its cotangent.
     float* code(int k) const { return codes_.data() + k * rows; }
     detail::TurnTriplet turn(const float* from, float* to, const DeviceEyeFrame& frame) const {
         return {from, to, static_cast<std::uint32_t>(rows / 3), 1U, frame.gazes};

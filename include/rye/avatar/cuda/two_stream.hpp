@@ -238,8 +238,8 @@ class DeviceTwoStream {
     DeviceGaussians<float> eye_gaussians() const {
         return detail::columns_from(cloud(), {face_.count(), eyes_.count()});
     }
-    /// Where cotangents of the cloud go, which vjp_into consumes. Memory is taken at the first
-    /// call.
+    /// Returns the memory for cotangents of the cloud, which vjp_into consumes. It is taken at the
+    /// first call.
     const DeviceGaussians<float>& g_cloud(const CudaQueue& queue) {
         g_cloud_.reserve(queue, cloud().count(), config_.channels);
         return g_cloud_.view();

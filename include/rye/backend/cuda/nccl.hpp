@@ -16,7 +16,7 @@
 
 namespace rye {
 
-/// What joins the ranks of a group: rank 0 makes it, all of them have a copy.
+/// The name of a group of ranks: rank 0 makes it, all of them have a copy.
 struct NcclId {
     char bytes[128] = {};
 };

@@ -50,8 +50,8 @@ struct ConvolutionSlices {
     struct Weight {
         int output, tap, input;
     };
-    /// That of a number of a slice: of the sums of a warp's lanes, as ConvolutionWeightKernel has
-    /// them.
+    /// Returns the weight of a slice's number: slices hold the sums of a warp's lanes, in the order
+    /// of ConvolutionWeightKernel.
     RYE_HD Weight weight(std::uint32_t number) const {
         const auto lane = static_cast<int>(number % 32), half = static_cast<int>(number / 32 % 4),
                    n = static_cast<int>(number / 128 % 2), tap = static_cast<int>(number / 256 % 9);
@@ -142,7 +142,7 @@ struct ConvolutionWeightKernel {
     struct Corner {
         int output, input;
     };
-    /// Those of a warp, within a block.
+    /// Return the first output and input of a warp, within a block.
     RYE_DEVICE static int first_output(int w) {
         return w % groups / beside_inputs * (16 * operands);
     }

@@ -4,8 +4,8 @@
 ///     NetworkOffload<CudaDevice> networks(CudaDevice(), queue, staging);
 ///     const OffloadBackend backend{XsimdBackend{}, networks};
 ///     mlp_forward(backend, mlp, points, frame, &trace);    // and mlp_vjp: arrays of the host
-/// Where this header is included, functions that take a backend find the networks of an
-/// OffloadBackend by overload; nothing changes for others. One thread at a time.
+/// After this header functions that take a backend find the networks of an OffloadBackend by
+/// overload; nothing changes for others. One thread at a time.
 #pragma once
 
 #include <concepts>

@@ -150,8 +150,8 @@ class OffloadedNetwork : public OffloadedPasses {
         return s.dims == own.dims && s.frame_inputs == own.frame_inputs && s.skip() == own.skip();
     }
 
-    /// As mlp_forward; a trace is given the number `number`, and takes the place of the pass that
-    /// it had, or else of the oldest.
+    /// Does what mlp_forward does; a trace is given the number `number`, and takes the place of the
+    /// pass that it had, or else of the oldest.
     template <Threads P>
     Columns<float> forward(const P& threads, const Network& m, const ColumnsView<float>& points,
                            const VecX<float>& frame, MlpTrace<float>* trace, Index number) {
@@ -197,8 +197,8 @@ class OffloadedNetwork : public OffloadedPasses {
         return first;
     }
 
-    /// As mlp_vjp, of the pass of that number. Error if the network has had more passes since then
-    /// than are kept, or its parameters have changed.
+    /// Does what mlp_vjp does, for the pass of that number. Throws an Error if the network has had
+    /// more passes since then than are kept, or its parameters have changed.
     template <Threads P>
     void vjp(const P& threads, const Network& m, Index number, const ColumnsView<float>& g_out,
              const MlpGradient<float, A>& g) {

@@ -5,9 +5,9 @@
 ///     network.set(queue, device_upsampler(resident, host.upsampler));   // once a step
 ///     network.forward_into(queue, features, picture, trace);
 ///     network.vjp_into(queue, trace, g_picture, {gradient, g_features});
-/// What a convolution gives is kept in floats, with moments of its channels, and normalised where
-/// it is read. Planes of a layer's input are made again by the vjp, or kept. N planes of bf16 as in
-/// nn/cuda/convolution.hpp.
+/// The outputs of convolutions are kept in floats, with moments of their channels, and normalised
+/// where they are read. Planes of a layer's input are made again by the vjp, or kept. N planes of
+/// bf16 as in nn/cuda/convolution.hpp.
 #pragma once
 
 #include <algorithm>
@@ -30,7 +30,8 @@ struct DeviceUpsamplerParameters {
     DeviceColumns<float> out_weight, out_bias;
 };
 
-/// Those of an upsampler that is, or is part of, the struct that `resident` was laid out for.
+/// Returns the parameters of an upsampler that is, or is part of, the struct that `resident` was
+/// laid out for.
 template <class P, class Device>
 DeviceUpsamplerParameters device_upsampler(const Resident<P, Device>& resident,
                                            const Upsampler<float>& host) {
@@ -224,7 +225,7 @@ class DeviceUpsampler {
         planes.data = to.data();
         return planes;
     }
-    /// Those that layer l multiplies, made.
+    /// Makes the planes that layer l multiplies.
     DeviceImagePlanes input_planes(const CudaQueue& queue, const DeviceUpsamplerTrace& t, int l,
                                    DeviceBuffer<std::uint16_t>& memory) {
         const DeviceImagePlanes to = shaped(queue, memory, size_of(t, l), shape_.layer_in(l));
@@ -240,7 +241,7 @@ class DeviceUpsampler {
                                  to);
         return to;
     }
-    /// Those of a forward pass, which kept them or makes them again.
+    /// Returns the planes of a forward pass, kept or made again.
     DeviceImagePlanes input_planes_again(const CudaQueue& queue, const DeviceUpsamplerTrace& t,
                                          int l) {
         if (t.planes.empty()) return input_planes(queue, t, l, planes_[0]);

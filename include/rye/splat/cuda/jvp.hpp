@@ -73,7 +73,7 @@ struct TangentKernel {
         });
         return r;
     }
-    /// What is behind, seen alone: its transmittance and sums, and their tangents.
+    /// The part behind, seen alone: its transmittance and sums, and their tangents.
     template <class W>
     struct Behind {
         StripSums<W, A, C> value, tangent[std::size_t(K)];

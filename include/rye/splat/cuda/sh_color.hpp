@@ -25,8 +25,8 @@ struct DeviceHarmonics {
 
 namespace detail {
 
-/// As in splat files: constant coefficients in an array of their own, the others of a Gaussian
-/// those of red, of green, then of blue.
+/// The order of splat files: constant coefficients in an array of their own, the others of a
+/// Gaussian those of red, of green, then of blue.
 struct HarmonicsByColour {
     RYE_DEVICE Index constant(Index i) const { return 3 * i; }
     /// Returns where number k of the rows from Gaussian `base` on is in memory, in ascending order.
@@ -43,7 +43,7 @@ struct HarmonicsByColour {
 
 } // namespace detail
 
-/// As in programs of PyTorch: one array of triples of red, green and blue, `bases` of each
+/// The order of programs of PyTorch: one array of triples of red, green and blue, `bases` of each
 /// Gaussian, the constant one first. `constant` and `rest` both begin where the array does.
 struct HarmonicsByBasis {
     Index bases;

@@ -64,7 +64,7 @@ struct ProjectTangentsKernel {
     }
 };
 
-/// What a walk reads and writes of a direction.
+/// The data of a direction that a walk reads and writes.
 struct WalkedDirection {
     const SplatRecord* splats;          ///< [N] tangents
     DeviceColumns<const float> feature; ///< C x N tangents, or no data

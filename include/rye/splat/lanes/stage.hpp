@@ -68,7 +68,7 @@ bool finite_numbers(const typename V::value_type* x, Index n) {
     return all(sum == V(T(0))) && tail == T(0);
 }
 
-/// As project_range, as many Gaussians at a time as there are lanes.
+/// Does what project_range does, for as many Gaussians at a time as there are lanes.
 template <class V, class A>
 void project_range_lanes(const SplatInput<A, typename V::value_type, NoDistortion>& from,
                          detail::ChunkRange r, RasterScratch<typename V::value_type>& scratch) {
@@ -151,7 +151,7 @@ void project_range_lanes(const SplatInput<A, typename V::value_type, NoDistortio
 
 namespace detail {
 
-/// As merge_slots, for the 8 leading numbers and, in whole eights, the features.
+/// Does what merge_slots does, for the 8 leading numbers and, in whole eights, the features.
 template <class Lanes>
 void merge_slots_lanes(const TileLists& lists,
                        const PartialGradients<typename Lanes::value_type>& slots, Index member,
@@ -197,7 +197,7 @@ struct LaneSums : Workspaces::Space {
     AlignedArray<typename V::value_type> sum;
 };
 
-/// As project_vjp_range, as many Gaussians at a time as there are lanes.
+/// Does what project_vjp_range does, for as many Gaussians at a time as there are lanes.
 template <class V, class A>
 void project_vjp_range_lanes(const SplatInput<A, typename V::value_type, NoDistortion>& from,
                              const TracedSlots<typename V::value_type>& traced, ChunkRange range,

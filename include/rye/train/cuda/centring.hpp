@@ -62,8 +62,8 @@ struct CentreViewsKernel {
     }
 };
 
-/// What subtracts after a step what corrections share: from those of gazes their mean over frames,
-/// from those of poses too if the training says so, and from those of cameras what all show alike.
+/// Subtracts after a step what corrections share: from those of gazes their mean over frames, from
+/// those of poses too if the training says so, and from those of cameras what all show alike.
 template <EffectSet E, class Device>
 class DeviceCentring {
     using Host = TwoStream<float, E>;

@@ -48,8 +48,8 @@ void for_deformations(F&& f) {
     });
 }
 
-/// What a step of the fit takes from the host: numbers of its frames, and last its share of the
-/// learning rate.
+/// Takes a step's numbers from the host: those of its frames, and last its share of the learning
+/// rate.
 struct TakeFitStep {
     static constexpr const char* name = "fit, step";
     const float* draws;        ///< `size` numbers of each step
