@@ -32,8 +32,6 @@ class EyeLids {
     /// the lids' folds on.
     double hold(const Vec3<double>& closed) const;
 
-    /// Number of extra vertices: the inner rim of the margins, upper then lower.
-    Index rim_size() const { return static_cast<Index>(2 * rim_.size()); }
     /// Moves the skin in place and writes the rim to the columns from `first_rim` on. A positive
     /// `look_out` [rad] is the eye's rotation away from the nose, which shifts the upper lid's
     /// arch.

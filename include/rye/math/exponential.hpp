@@ -16,13 +16,6 @@
 
 namespace rye {
 
-namespace detail {
-
-/// log2(e).
-inline constexpr double log2_e = 1.4426950408889634074;
-
-} // namespace detail
-
 /// ln(2).
 inline constexpr double ln_2 = 0.69314718055994530942;
 

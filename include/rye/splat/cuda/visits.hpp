@@ -32,12 +32,6 @@ struct DeviceScene {
     RYE_DEVICE float background_of(int c) const {
         return c < channels ? background[first_channel + c] : 0.0F;
     }
-    /// Returns true if the features of kernels of C channels can be read two at a time.
-    template <int C>
-    RYE_DEVICE bool in_pairs() const {
-        return channels == C && feature.rows % 2 == 0 && first_channel % 2 == 0 &&
-               reinterpret_cast<std::uintptr_t>(feature.data) % 8 == 0;
-    }
 };
 
 namespace detail {
