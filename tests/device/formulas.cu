@@ -109,7 +109,7 @@ constexpr double share_apart() {
         return 0;
 }
 
-/// Counts of numbers that are apart on both sides by more than the family's tolerance.
+/// How far the numbers of both sides are apart, by the family's tolerance.
 struct Comparison {
     double worst = 0;   // of the evaluations that are not apart [epsilon]
     int apart = 0;      // evaluations

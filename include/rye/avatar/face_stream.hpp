@@ -25,8 +25,7 @@ struct FaceStream : detail::AttributeFields<detail::NetworkOf<T, E>, E> {
     Columns<T> opacity_logit;  ///< 1 x N
     [[no_unique_address]] FaceNetworks<T, E> networks;
 
-    /// The colour that effects gave which were left out, C x N, if there were any
-    /// (avatar/hold.hpp).
+    /// The colour from effects that were left out, C x N, if there were any (avatar/hold.hpp).
     [[no_unique_address]] detail::RestSlot<E, Columns<T>> rest_color;
 
     /// Fixed neutral landmarks, 3 x L.

@@ -31,7 +31,7 @@ struct VisitedStrips {
     Index count;
 };
 
-/// Sums that along_strips does not make.
+/// No sums, for the background.
 struct NoSums {
     void start() {}
     template <class V>
@@ -55,8 +55,8 @@ struct WeightedSums {
     void write(Index channel) { lane_sums(sum, to + channel); }
 };
 
-/// Computes it for many channels and several strips: to[i] is that of strip[i]; and the sums of
-/// the same cotangents. Eight channels at a time, whose colours stay in registers. The cotangents
+/// Writes <cotangent, colour> of many channels, of strip[i] to to[i], and passes the same
+/// cotangents to `sums`. Eight channels at a time, whose colours stay in registers. The cotangents
 /// of a tile fill the nearest cache, so they are read once for both.
 template <class V, class Sums>
 void along_strips(const typename V::value_type* cotangent, VisitedStrips visited,
