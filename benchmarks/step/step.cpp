@@ -28,12 +28,29 @@ namespace {
 using namespace rye;
 using namespace rye::bench;
 
-using B = XsimdBackend<DefaultArch, ThreadPool::Handle>;
+/// Wall time within calls of the threads so far [s]; a step makes them one after the other.
+double inside_calls = 0;
+
+/// A pool's threads that note how long they were called.
+struct Noted {
+    ThreadPool::Handle threads;
+
+    template <std::invocable<Index> F>
+    void run(Index n, F&& f) const {
+        const double begin = wall_seconds();
+        threads.run(n, f);
+        inside_calls += wall_seconds() - begin;
+    }
+    int size() const { return threads.size(); }
+};
+static_assert(Threads<Noted>);
+
+using B = XsimdBackend<DefaultArch, Noted>;
 
 /// The pool of n threads.
 B on_threads(int n) {
     static std::map<int, ThreadPool> pools;
-    return {pools.try_emplace(n, n).first->second.threads()};
+    return {Noted{pools.try_emplace(n, n).first->second.threads()}};
 }
 using Avatar = TwoStream<float>;
 
@@ -41,19 +58,28 @@ using Avatar = TwoStream<float>;
 struct LeastTimes {
     explicit LeastTimes(double (*c)()) : clock(c) {}
     double (*clock)();
-    std::map<std::string, double> parts;
-    double step = 1e30, wall = 1e30; ///< on the clock, on the wall
+    std::map<std::string, double> parts, alone; ///< alone: outside of all calls of the threads
+    double step = 1e30, wall = 1e30;            ///< on the clock, on the wall
 
     void begin_round() {
         now_.clear();
+        now_inside_.clear();
         wall_begin_ = wall_seconds();
     }
-    void begin_step() { last_ = clock(); }
+    void begin_step() {
+        last_ = clock();
+        last_inside_ = inside_calls;
+    }
     void end_round(int steps) {
         double sum = 0;
-        for (const auto& [part, seconds] : now_) {
-            const auto [place, fresh] = parts.try_emplace(part, 1e30);
+        const auto lower = [&](std::map<std::string, double>& least, const std::string& part,
+                               double seconds) {
+            const auto [place, fresh] = least.try_emplace(part, 1e30);
             place->second = std::min(place->second, seconds / steps);
+        };
+        for (const auto& [part, seconds] : now_) {
+            lower(parts, part, seconds);
+            lower(alone, part, seconds - now_inside_[part]);
             sum += seconds;
         }
         step = std::min(step, sum / steps);
@@ -62,12 +88,13 @@ struct LeastTimes {
     void operator()(const char* part) {
         const double now = clock();
         now_[part] += now - last_;
-        last_ = now;
+        now_inside_[part] += inside_calls - last_inside_;
+        begin_step();
     }
 
   private:
-    std::map<std::string, double> now_;
-    double last_ = 0, wall_begin_ = 0;
+    std::map<std::string, double> now_, now_inside_;
+    double last_ = 0, last_inside_ = 0, wall_begin_ = 0;
 };
 
 /// The weights of the preset (examples/trainer/data/config.cpp).
@@ -203,6 +230,12 @@ void step(benchmark::State& state) {
     state.counters["faster"] = both.serial.wall / times.wall;
     for (const auto& [part, seconds] : times.parts)
         state.counters[counter_name(part)] = seconds / times.step;
+    double alone = 0;
+    for (const auto& [part, seconds] : times.alone) alone += seconds;
+    state.counters["on_one_thread"] = alone / times.step;
+    if (threads > 1)
+        for (const auto& [part, seconds] : times.alone)
+            state.counters["on_one_thread_" + counter_name(part)] = seconds / times.step;
 }
 
 /// The speed-up of a step and of each part by threads, in wall time.

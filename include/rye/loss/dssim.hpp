@@ -98,7 +98,7 @@ template <class V>
 }
 
 /// Number of rows per chunk.
-inline constexpr Index dssim_rows = 8;
+inline constexpr Index dssim_rows = 4;
 
 } // namespace detail
 
@@ -111,7 +111,8 @@ LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
     const Index size = a.pixels.size(), row = window.row, padded = window.padded();
     const T *const x = a.pixels.data(), *const y = b.pixels.data();
     // Slopes of the loss with respect to the means of x, x^2 and x y.
-    Columns<T> by_x(a.pixels.rows(), a.pixels.cols()), by_xx = by_x, by_xy = by_x;
+    const Index channels = a.pixels.rows(), pixels = a.pixels.cols();
+    Columns<T> by_x(channels, pixels), by_xx(channels, pixels), by_xy(channels, pixels);
     const auto share =
         static_cast<real_t<T>>(-1.0 / static_cast<double>(std::max<Index>(size, 1)));
 

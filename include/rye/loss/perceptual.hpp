@@ -40,8 +40,8 @@ static_assert(PerceptualLoss<PyramidGradientLoss>);
 
 namespace detail {
 
-/// Number of rows per chunk of the pyramid's passes.
-inline constexpr Index pyramid_rows = 16;
+/// Number of rows per chunk of the pyramid's passes: few, as coarse levels have few.
+inline constexpr Index pyramid_rows = 4;
 
 /// Returns an uninitialised image.
 template <class T>

@@ -87,13 +87,14 @@ LossGradient<T> smoothness(const P& threads, const Columns<T>& values,
             graph.size(), " points, the values ", values.cols());
     const T share = T(1) / T(static_cast<real_t<T>>(std::max<Index>(values.size(), 1)));
     LossGradient<T> l;
-    l.gradient = Columns<T>::Zero(values.rows(), values.cols());
     const Index channels = values.rows();
+    l.gradient.resize(channels, values.cols());
     l.value = sum_chunks(threads, values.cols(), 256, T(0), [&](Index begin, Index end) {
         T sum(0);
         for (Index i = begin; i < end; ++i) {
             const T* const here = values.data() + i * channels;
             T* const g = l.gradient.data() + i * channels;
+            std::fill_n(g, channels, T(0));
             const auto& from = of[static_cast<std::size_t>(i)];
             const auto pull = [&](auto first, auto last) {
                 for (; first != last; ++first) {

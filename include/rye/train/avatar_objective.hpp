@@ -6,7 +6,9 @@
 #pragma once
 
 #include <algorithm>
+#include <initializer_list>
 #include <string>
+#include <vector>
 
 #include <rye/avatar/two_stream.hpp>
 #include <rye/loss/dssim.hpp>
@@ -75,22 +77,36 @@ T rgb_term(const B& backend, const Columns<T>& prediction, const Columns<T>& tru
 /// Calls f(begin, end) for chunks of the columns of an image.
 template <class F, Backend B>
 void over_pixels(const B& backend, Index pixels, const F& f) {
-    for_chunks(backend.threads, pixels, 4096, [&](Index b, Index e, Index) { f(b, e); });
+    for_chunks(backend.threads, pixels, loss_grain, [&](Index b, Index e, Index) { f(b, e); });
 }
 
 /// Adds weight * g to sum.
-template <class T, Backend B>
-void add_weighted(const B& backend, Columns<T>& sum, const T& weight, const Columns<T>& g) {
-    over_pixels(backend, sum.cols(), [&](Index b, Index e) {
+template <class T, Threads P>
+void add_weighted(const P& threads, std::type_identity_t<ColumnsSpan<T>> sum, const T& weight,
+                  const Columns<T>& g) {
+    for_chunks(threads, sum.cols(), loss_grain, [&](Index b, Index e, Index) {
         sum.middleCols(b, e - b) += weight * g.middleCols(b, e - b);
     });
 }
 
-/// Sets g to zeros of the shape of an image.
+/// An image, and its cotangent.
+template <class T>
+struct ImageCotangent {
+    const Image<T>& image;
+    Columns<T>& g;
+};
+
+/// Sets cotangents to zeros of the shape of their images, all side by side.
 template <class T, Backend B>
-void zero_like(const B& backend, const Image<T>& image, Columns<T>& g) {
-    g.resize(image.channels(), image.size());
-    over_pixels(backend, g.cols(), [&](Index b, Index e) { g.middleCols(b, e - b).setZero(); });
+void zero_like(const B& backend, std::initializer_list<ImageCotangent<T>> all) {
+    std::vector<ArrayWork> work;
+    for (const ImageCotangent<T>& one : all) {
+        Columns<T>& g = one.g;
+        g.resize(one.image.channels(), one.image.size());
+        work.push_back(
+            {g.size(), [&g](Index b, Index e) { std::fill_n(g.data() + b, e - b, T(0)); }});
+    }
+    for_chunks(backend.threads, work, 16384);
 }
 
 /// Returns the face alone, in RGB.
@@ -207,11 +223,11 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
         p.eyes_high = {};
     probe("super-resolution");
 
-    detail::zero_like(backend, p.high, p.g_high);
-    detail::zero_like(backend, p.eyes_high, p.g_eyes_high);
-    detail::zero_like(backend, p.final.feature, p.g_final);
-    detail::zero_like(backend, p.face.feature, p.g_face);
-    detail::zero_like(backend, p.eyes.feature, p.g_eyes);
+    detail::zero_like<T>(backend, {{p.high, p.g_high},
+                                   {p.eyes_high, p.g_eyes_high},
+                                   {p.final.feature, p.g_final},
+                                   {p.face.feature, p.g_face},
+                                   {p.eyes.feature, p.g_eyes}});
 
     AvatarLosses<T> l;
     Image<T> moved;
@@ -231,12 +247,12 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
                          {sample.visible_small, T(weights.low_resolution)}, p.g_final);
     const LossGradient<T> seen = perceptual(backend, p.high, truth);
     l.perceptual = seen.value;
-    detail::add_weighted(backend, p.g_high, T(weights.perceptual), seen.gradient);
+    detail::add_weighted<T>(backend.threads, p.g_high, T(weights.perceptual), seen.gradient);
 
     if (weights.dssim > 0) {
         const LossGradient<T> structure = dssim<T>(backend, p.high, truth);
         l.dssim = structure.value;
-        detail::add_weighted(backend, p.g_high, T(weights.dssim), structure.gradient);
+        detail::add_weighted<T>(backend.threads, p.g_high, T(weights.dssim), structure.gradient);
     }
 
     l.eye_low = detail::rgb_term(backend, p.eyes.feature.pixels, sample.truth_small.pixels,
@@ -245,7 +261,10 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
     if (sample.eyes_high)
         l.eye_high = detail::rgb_term(backend, p.eyes_high.pixels, sample.truth.pixels,
                                       {sample.eyes, T(eye_high)}, p.g_eyes_high);
-    const Columns<T> blank = p.blank.replicate(1, p.face.feature.size());
+    Columns<T> blank(3, p.face.feature.size());
+    detail::over_pixels(backend, blank.cols(), [&](Index b, Index e) {
+        blank.middleCols(b, e - b).colwise() = p.blank.template head<3>();
+    });
     l.blank = detail::rgb_term(backend, p.face.feature.pixels, blank,
                                {sample.eyes_small, T(weights.blank)}, p.g_face);
     if (weights.face_alone > 0) {
@@ -274,11 +293,11 @@ void AvatarObjective<A, Perceptual>::vjp(
     if (sample.scale.active())
         detail::gathered_vjp(g_feature, sample.scale.small, p.g_final);
     else
-        detail::add_weighted(backend, p.g_final, T(1), g_feature);
+        detail::add_weighted<T>(backend.threads, p.g_final, T(1), g_feature);
     if (sample.eyes_high) {
         upsampler_vjp(backend, upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
                       g_upsampler, &g_feature);
-        detail::add_weighted(backend, p.g_eyes, T(1), g_feature);
+        detail::add_weighted<T>(backend.threads, p.g_eyes, T(1), g_feature);
     }
     probe("super-resolution vjp");
 

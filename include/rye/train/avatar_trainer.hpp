@@ -157,8 +157,10 @@ class AvatarTrainer {
                                 gradient.upsampler, probe);
         if constexpr (smooths_driven)
             if (driven_smoothness_.size() > 0) {
-                pictures_.g_gaussians.feature.rightCols(driven_smoothness_.cols()) +=
-                    driven_smoothness_;
+                detail::add_weighted<T>(
+                    backend.threads,
+                    pictures_.g_gaussians.feature.rightCols(driven_smoothness_.cols()), T(1),
+                    driven_smoothness_);
                 driven_smoothness_.resize(0, 0);
             }
         [[maybe_unused]] Columns<T> g_kappa;
@@ -202,7 +204,8 @@ class AvatarTrainer {
             if (weights.eye_smooth > 0) {
                 const LossGradient<T> term =
                     smoothness(backend.threads, avatar_.eyes.feature, neighbours_, neighbour_of_);
-                gradient_.eyes.feature += T(weights.eye_smooth) * term.gradient;
+                detail::add_weighted<T>(backend.threads, gradient_.eyes.feature,
+                                        T(weights.eye_smooth), term.gradient);
                 l.eye_smooth = term.value;
                 l.total += T(weights.eye_smooth) * term.value;
             }

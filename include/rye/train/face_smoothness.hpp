@@ -114,7 +114,7 @@ class FaceSmoothness {
                               const std::vector<std::vector<Index>>& of, T& value) {
             if (!(weight > 0)) return;
             const LossGradient<T> l = smoothness(threads, features, graph, of);
-            gradient += T(weight) * l.gradient;
+            detail::add_weighted<T>(threads, gradient, T(weight), l.gradient);
             value = l.value;
             losses.total += T(weight) * l.value;
         };
