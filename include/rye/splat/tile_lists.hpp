@@ -110,7 +110,6 @@ struct BinScratch {
         std::vector<std::uint32_t> cursor; ///< [lists] index of the chunk's next entry
     };
     std::vector<Chunk> chunks;
-    std::vector<std::uint32_t> before_block; ///< [blocks of tiles] entries of the tiles before it
     std::vector<Binned> binned;
     std::vector<std::vector<Binned>> buffers;  ///< [runs of tiles]
 };
@@ -240,22 +239,13 @@ struct TileLists {
                 write(b, e, chunk, max_entries);
             });
         at(first, n) = static_cast<Index>(total);
-        // Places within blocks of tiles, all blocks side by side; then what is before each block.
-        constexpr Index block = 64;
         begin.resize(static_cast<std::size_t>(tiles()) + 1);
-        scratch.before_block.resize(static_cast<std::size_t>(detail::chunk_count(tiles(), block)));
-        for_chunks(threads, tiles(), block, [&](Index b, Index e, Index k) {
-            std::uint32_t next = 0;
-            for (Index t = b; t < e; ++t) {
-                at(begin, t) = static_cast<Index>(next);
-                for (Index c = 0; c < chunks; ++c)
-                    next += std::exchange(at(at(scratch.chunks, c).cursor, t), next);
-            }
-            at(scratch.before_block, k) = next;
-        });
-        std::uint32_t before_tiles = 0;
-        for (std::uint32_t& entries_of : scratch.before_block)
-            before_tiles += std::exchange(entries_of, before_tiles);
+        std::uint32_t next = 0;
+        for (Index t = 0; t < tiles(); ++t) {
+            at(begin, t) = static_cast<Index>(next);
+            for (Index c = 0; c < chunks; ++c)
+                next += std::exchange(at(at(scratch.chunks, c).cursor, t), next);
+        }
         at(begin, tiles()) = static_cast<Index>(total);
         if (scratch.binned.size() < static_cast<std::size_t>(total))
             scratch.binned.resize(static_cast<std::size_t>(total));
@@ -267,9 +257,6 @@ struct TileLists {
             Chunk& chunk = at(scratch.chunks, c);
             auto* const to = scratch.binned.data();
             std::uint32_t* const cursor = chunk.cursor.data();
-            for (Index t = 0; t < tiles(); ++t) cursor[t] += at(scratch.before_block, t / block);
-            for (Index t = tiles() * c / chunks; t < tiles() * (c + 1) / chunks; ++t)
-                at(begin, t) += static_cast<Index>(at(scratch.before_block, t / block));
             const auto* const mentions = chunk.mentions.data();
             for (Index i = 0; i < chunk.used; ++i) {
                 const auto& [tile, member] = mentions[i];
