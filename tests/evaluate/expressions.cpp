@@ -64,7 +64,8 @@ double lids_follow(const Capture& capture, const TrainConfig& config) {
             0.22)
             continue;
         ++near;
-        for (const Index pitch : {k - 4, k - 2}) // of the left, of the right eye
+        for (const Index pitch : // of the left, of the right eye
+             {k - 2 * rye::detail::gaze_regressors, k - rye::detail::gaze_regressors})
             sum += r.coefficient.row(pitch).segment<3>(3 * l).squaredNorm();
     }
     return 100 * std::sqrt(sum / near);

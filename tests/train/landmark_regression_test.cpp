@@ -201,6 +201,29 @@ TEST_CASE("a lid follows its own eye though no frame has eyes apart") {
         CHECK(d(1, l) == doctest::Approx(-0.06).epsilon(0.2));
 }
 
+TEST_CASE("lids follow a gaze upward by another slope than downward") {
+    const Subject subject;
+    auto frames = subject.frames(24);
+    const auto lid = [](double pitch) { return pitch > 0 ? 0.1 * pitch : 0.4 * pitch; };
+    for (MeshSample<double>& f : frames)
+        for (std::size_t eye = 0; eye < 2; ++eye) {
+            const double pitch = pitch_yaw(f.drivers.gaze[eye])[0];
+            for (const Index l : subject.roles.eye[eye])
+                f.landmarks(1, l) += lid(pitch) - 0.2 * pitch;
+        }
+    const LandmarkRegression r = subject.regression(frames);
+    const VecX<double> rest = VecX<double>::Zero(coefficients);
+    for (const double pitch : {-0.3, 0.3}) {
+        CAPTURE(pitch);
+        const MeshSample<double> f =
+            subject.frame(rest, Vec2<double>(pitch, 0), Vec2<double>(pitch, 0));
+        const Columns<double> d = r.displacement<double>(landmark_regressors(f.drivers));
+        for (std::size_t eye = 0; eye < 2; ++eye)
+            for (const Index l : subject.roles.eye[eye])
+                CHECK(std::abs(d(1, l) - lid(pitch)) < 0.01);
+    }
+}
+
 TEST_CASE("the coefficients do not depend on the number of threads") {
     const Subject subject;
     const auto frames = subject.frames(16);

@@ -265,7 +265,8 @@ class Corrector {
         for (const MeshSample<float>& f : frames) {
             const std::vector<double> x = landmark_regressors(f.drivers);
             std::vector<double> local(x.size(), 0.0);
-            std::copy(x.end() - 4, x.end(), local.end() - 4);
+            constexpr auto gazes = static_cast<std::ptrdiff_t>(2 * rye::detail::gaze_regressors);
+            std::copy(x.end() - gazes, x.end(), local.end() - gazes);
             if (!regression.knows_shapes)
                 for (const Index blink : regression.blinks) {
                     const auto k = static_cast<std::size_t>(1 + blink);

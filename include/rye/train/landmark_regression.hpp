@@ -3,7 +3,8 @@
 /// and gaze, with few coefficients per landmark. Blendshapes are linear and local: there are more
 /// coefficients than, say, thirty frames, but few of them move one landmark. The regression then
 /// holds for expressions that no frame has, and for eyes that look in different directions, unlike
-/// a network fitted to the frames alone. Not in the paper: docs/deviations.md. Canonical units.
+/// a network fitted to the frames alone. Lids follow a gaze upward by another slope than downward.
+/// Not in the paper: docs/deviations.md. Canonical units.
 /// Source: ridge regression with a prior variance for each coefficient that is estimated from its
 /// last value (iteratively reweighted least squares; FOCUSS, Gorodnitsky and Rao, 1997), so that
 /// small coefficients vanish.
@@ -85,8 +86,18 @@ inline void require_prior(const RegressionConfig& config, Index expression, Inde
 
 } // namespace detail
 
-/// Returns the regressors of a frame: 1, the expression, and (pitch, yaw) [rad] of each eye that
-/// the skin follows.
+namespace detail {
+
+/// Regressors of an eye's gaze.
+inline constexpr Index gaze_regressors = 3;
+/// Reach of the third of them, by which slopes upward and downward differ, relative to the others:
+/// small, as noise of the labels bends lines too.
+inline constexpr double slope_reach = 0.2;
+
+} // namespace detail
+
+/// Returns the regressors of a frame: 1, the expression, and (pitch, yaw, |pitch|) [rad] of each
+/// eye that the skin follows.
 template <class T, EffectSet E>
 std::vector<double> landmark_regressors(const Drivers<T, E>& drivers) {
     std::vector<double> x{1};
@@ -97,6 +108,7 @@ std::vector<double> landmark_regressors(const Drivers<T, E>& drivers) {
         if constexpr (detail::skin_follows<E, eye>) {
             const Vec2<T> angles = pitch_yaw(of_eye<eye>(drivers.gaze));
             for (const T& angle : {angles[0], angles[1]}) x.push_back(static_cast<double>(angle));
+            x.push_back(std::abs(x[x.size() - 2]));
         }
     });
     return x;
@@ -166,13 +178,16 @@ LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>
     const Weights<T, E> w = face_weights<T, E>(backend, neutral, roles, trace);
     Index row = regressors;
     for_eyes([&]<std::size_t eye>() {
-        if constexpr (detail::skin_follows<E, eye>) row -= 2;
+        if constexpr (detail::skin_follows<E, eye>) row -= detail::gaze_regressors;
     });
     for_eyes([&]<std::size_t eye>() {
         if constexpr (detail::skin_follows<E, eye>) {
-            for (Index l = 0; l < landmarks; ++l)
-                reach(row, l) = reach(row + 1, l) = static_cast<double>(of_eye<eye>(w.gaze)(0, l));
-            row += 2;
+            for (Index l = 0; l < landmarks; ++l) {
+                const double influence = static_cast<double>(of_eye<eye>(w.gaze)(0, l));
+                reach(row, l) = reach(row + 1, l) = influence;
+                reach(row + 2, l) = detail::slope_reach * influence;
+            }
+            row += detail::gaze_regressors;
         }
     });
 
