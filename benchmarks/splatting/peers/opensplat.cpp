@@ -32,8 +32,8 @@ std::vector<float> numbers(const torch::Tensor& of) {
 }
 
 variable_list project() {
-    return ProjectGaussiansCPU::apply(mean, scale, 1, rotation, view, projection, scene.fx, scene.fy,
-                                      scene.cx, scene.cy, scene.height, scene.width);
+    return ProjectGaussiansCPU::apply(mean, scale, 1, rotation, view, projection, scene.fx,
+                                      scene.fy, scene.cx, scene.cy, scene.height, scene.width);
 }
 
 } // namespace
@@ -78,7 +78,8 @@ Seconds forward(Picture* picture) {
 
 double both(const Picture& cotangent, Gradient* gradient) {
     const torch::Tensor g = tensor(cotangent.data(), {scene.height, scene.width, 3});
-    for (torch::Tensor* t : {&mean, &scale, &rotation, &opacity, &colour}) t->mutable_grad().reset();
+    for (torch::Tensor* t : {&mean, &scale, &rotation, &opacity, &colour})
+        t->mutable_grad().reset();
     const double begin = seconds();
     const variable_list p = project();
     const torch::Tensor image = RasterizeGaussiansCPU::apply(

@@ -8,8 +8,8 @@
 
 namespace peers {
 
-/// Gaussians of three colours, one after the other, and a pinhole camera. Quaternions are w, x, y, z
-/// of length one, and `view` is world to camera, by rows.
+/// Gaussians of three colours, one after the other, and a pinhole camera. Quaternions are w, x, y,
+/// z of length one, and `view` is world to camera, by rows.
 struct Scene {
     int count;
     const float *mean, *scale, *rotation, *opacity, *colour;
