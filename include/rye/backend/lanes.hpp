@@ -122,6 +122,17 @@ inline int sign_bits(__m256 x) { return _mm256_movemask_ps(x); }
 inline int sign_bits(__m256d x) { return _mm256_movemask_pd(x); }
 #endif
 
+/// Prefetches the line of an address; does nothing where no instruction does, so that a compiler
+/// leaves out what finds the address too. Always inlined: g++ takes a function that only prefetches
+/// for one without effect, and drops the call.
+#ifdef __wasm__
+[[gnu::always_inline]] inline void prefetch(const void*) {}
+[[gnu::always_inline]] inline void prefetch_to_write(const void*) {}
+#else
+[[gnu::always_inline]] inline void prefetch(const void* at) { __builtin_prefetch(at); }
+[[gnu::always_inline]] inline void prefetch_to_write(const void* at) { __builtin_prefetch(at, 1); }
+#endif
+
 /// Returns four floats four times, where an instruction loads them so; else void, never called.
 void load_four_times(...);
 /// Keeps a vector in a register, though it could be loaded again; else never called.

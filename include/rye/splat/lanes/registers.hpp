@@ -182,12 +182,11 @@ template <class V>
 }
 
 /// Prefetches the record of an entry. To be called for one entry at a time between other work: a
-/// processor drops prefetches that come faster than it starts them. Always inlined: g++ takes a
-/// function that only prefetches for one without effect, and drops the call.
+/// processor drops prefetches that come faster than it starts them. Always inlined, as prefetch.
 template <class T>
 [[gnu::always_inline]] inline void fetch_record(const Scene<T>& scene, Index entry) {
     const char* const m = reinterpret_cast<const char*>(&scene.member(entry));
-    for (std::size_t at = 0; at < sizeof(VisibleGaussian<T>); at += 64) __builtin_prefetch(m + at);
+    for (std::size_t at = 0; at < sizeof(VisibleGaussian<T>); at += 64) prefetch(m + at);
 }
 
 /// Prefetches the features of an entry, whose record was prefetched before. Always inlined, as
@@ -196,8 +195,8 @@ template <class T>
 [[gnu::always_inline]] inline void fetch_features(const Scene<T>& scene, Index entry) {
     constexpr Index line = 64 / static_cast<Index>(sizeof(T));
     const T* const f = scene.feature_of(entry);
-    for (Index c = 0; c < scene.channels(); c += line) __builtin_prefetch(f + c);
-    __builtin_prefetch(f + scene.channels() - 1);
+    for (Index c = 0; c < scene.channels(); c += line) prefetch(f + c);
+    prefetch(f + scene.channels() - 1);
 }
 
 /// Prefetches, with each entry of a tile that is taken, records that will be: of the same tile two

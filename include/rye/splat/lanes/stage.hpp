@@ -185,10 +185,10 @@ template <class T>
                                                const PartialGradients<T>& slots, Index index) {
     const std::uint32_t m = trace.member[static_cast<std::size_t>(index)];
     if (m == no_member) return;
-    __builtin_prefetch(&trace.members[m]);
+    prefetch(&trace.members[m]);
     constexpr Index line = 64 / static_cast<Index>(sizeof(T));
     const T* const end = slots[trace.lists.first[std::size_t(m) + 1]];
-    for (const T* s = slots[trace.lists.first[m]]; s < end; s += line) __builtin_prefetch(s);
+    for (const T* s = slots[trace.lists.first[m]]; s < end; s += line) prefetch(s);
 }
 
 /// Memory of one thread's gradients.
@@ -219,7 +219,7 @@ void project_vjp_range_lanes(const SplatInput<A, typename V::value_type, NoDisto
         for (; i < e && filled < lanes; ++i) {
             if (i + 4 * lanes < e) {
                 const std::uint32_t far = trace.member[static_cast<std::size_t>(i + 4 * lanes)];
-                if (far != no_member) __builtin_prefetch(&trace.lists.first[far]);
+                if (far != no_member) prefetch(&trace.lists.first[far]);
             }
             const std::uint32_t m = trace.member[static_cast<std::size_t>(i)];
             if (m == no_member) {

@@ -273,8 +273,7 @@ template <class T>
 [[gnu::always_inline]] inline void fetch_slot(const Scene<T>& scene,
                                               const PartialGradients<T>& slots, Index entry) {
     constexpr Index line = 64 / static_cast<Index>(sizeof(T));
-    for (Index c = 0; c < slots.stride; c += line)
-        __builtin_prefetch(slots[scene.slot(entry)] + c, 1);
+    for (Index c = 0; c < slots.stride; c += line) prefetch_to_write(slots[scene.slot(entry)] + c);
 }
 
 /// Adds the gradients of one tile's pixels to the slots of its entries.
