@@ -75,7 +75,8 @@ void along_strips(const typename V::value_type* cotangent, VisitedStrips visited
                 sums.add(v, i, x);
                 return x;
             };
-            V even = c == 0 ? next(0) * f[0] : V::load_aligned(to[v]) + next(0) * f[0];
+            const V first = next(0);
+            V even = c == 0 ? first * f[0] : V::load_aligned(to[v]) + first * f[0];
             V odd = next(1) * f[1];
             unrolled<3>([&](auto i) __attribute__((always_inline)) {
                 even = even + next(2 + 2 * i) * f[2 + 2 * i];
@@ -84,6 +85,27 @@ void along_strips(const typename V::value_type* cotangent, VisitedStrips visited
             (even + odd).store_aligned(to[v]);
         }
         sums.write(c);
+    }
+}
+
+/// Writes the sums of WeightedSums, and nothing else.
+template <class V>
+void weigh_strips(const typename V::value_type* cotangent, VisitedStrips visited, Index stride,
+                  const typename V::value_type (*weight)[V::size], typename V::value_type* to) {
+    using T = typename V::value_type;
+    constexpr int lanes = static_cast<int>(V::size);
+    const auto [strip, visits] = visited;
+    for (Index c = 0; c < stride; c += 8) {
+        std::array<V, 8> sum;
+        sum.fill(V(T(0)));
+        for (Index v = 0; v < visits; ++v) {
+            const V w = V::load_aligned(weight[v]);
+            const T* const g = cotangent + (strip[v] * stride + c) * lanes;
+            unrolled<8>([&](auto i) __attribute__((always_inline)) {
+                sum[i] = sum[i] + V::load_aligned(g + i * lanes) * w;
+            });
+        }
+        lane_sums(sum, to + c);
     }
 }
 

@@ -200,8 +200,10 @@ struct LaneReverse {
         colour_sum.fill(zero);
         if constexpr (C > 0)
             unrolled<C>([&](auto c) { colour[c] = V(feature[c]); });
-        else
+        else if (reads_once())
             walk_channels({strip, visits}, feature, slot + PartialGradients<T>::head);
+        else
+            along_strips<V>(cotangent, {strip, visits}, feature, stride, tape.along, NoSums());
         const struct {
             V floor, depth;
         } layer{V(s.floor), V(s.depth)};
@@ -233,6 +235,7 @@ struct LaneReverse {
                 });
                 g_colour.colour = along<V, C>(g_strip, colour);
             } else {
+                c.weight.store_aligned(tape.weight[i]);
                 g_colour.colour = V::load_aligned(tape.along[i]);
             }
             const V u = Tile::along_rows(us, side);
@@ -253,10 +256,17 @@ struct LaneReverse {
             padded.fill(zero);
             unrolled<C>([&](auto c) { padded[c] = colour_sum[c]; });
             lane_sums(padded, slot + PartialGradients<T>::head);
+        } else if (!reads_once()) {
+            weigh_strips<V>(cotangent, {strip, visits}, stride, tape.weight,
+                            slot + PartialGradients<T>::head);
         }
     }
 
   private:
+    /// True if reading the cotangents of many channels once is worth the weights computed before:
+    /// not for eight channels, nor where eight colours and eight sums do not fit in registers.
+    bool reads_once() const { return LoadsFours<V> && stride > 8; }
+
     /// Computes <cotangent, colour> of all visits and the slot's features.
     void walk_channels(VisitedStrips visited, const T* feature, T* to) {
         for (Index v = 0; v < visited.count; ++v) {
