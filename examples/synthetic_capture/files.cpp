@@ -270,6 +270,14 @@ Json description(const HeadModel& model, const CaptureScene& scene, const Json& 
         {"generator", "rye capture"},
         {"seed", s.seed},
         {"samples_per_pixel", s.samples}};
+    if (s.softboxes) {
+        Json boxes = Json::array();
+        for (const Softbox& b : *s.softboxes)
+            boxes.push_back({{"to", {b.to.x(), b.to.y(), b.to.z()}},
+                             {"half_size", b.half_size},
+                             {"radiance", {b.radiance.x(), b.radiance.y(), b.radiance.z()}}});
+        all["softboxes"] = boxes;
+    }
     if (s.eye_translation_mm > 0) all["eye_translation_mm"] = s.eye_translation_mm;
     return all;
 }

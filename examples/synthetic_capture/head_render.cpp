@@ -25,32 +25,31 @@ constexpr double exposure = 1.0;
 /// Ambient light from interreflection of skin, also inside the mouth, where no light ray reaches.
 const V3 bounced(0.30, 0.17, 0.13);
 
-/// A square area light at infinity.
-struct Softbox {
-    V3 to, right, up; // unit
-    double half_size; // [rad]
-    V3 radiance;
-};
-Softbox softbox(const V3& to, double half_size, const V3& radiance) {
-    const V3 z = normalized(to), x = normalized(cross(V3(0, 1, 0), z));
-    return {z, x, cross(z, x), half_size, radiance};
+/// Share of a light that the cornea mirrors where it is seen along its normal.
+constexpr double mirror = 0.035;
+/// Half a softbox' edge over the width of the lobe that its highlights look like, as
+/// corrections/lights.hpp finds it.
+constexpr double edge_of_lobe = 1.2;
+/// Colour of a dark iris [sRGB].
+constexpr double dark_iris = 0.25;
+
+Softbox softbox(const V3& to, double half_size, const V3& radiance, int edge) {
+    const V3 z = normalized(to),
+             x = normalized(cross(std::abs(z.y()) < 0.999 ? V3(0, 1, 0) : V3(0, 0, 1), z));
+    return {z, x, cross(z, x), half_size, radiance, edge};
 }
-const std::array<Softbox, 2> softboxes{softbox({0.62, 0.68, 0.95}, 0.26, {17.0, 16.0, 14.6}),
-                                       softbox({-0.95, 0.22, 0.60}, 0.30, {3.6, 3.9, 4.3})};
 /// The sky, bright above and dim below.
 V3 sky(const V3& d) {
     const double t = 0.5 + 0.5 * d.y();
     return V3(0.20, 0.19, 0.18) + t * V3(0.42, 0.43, 0.46);
 }
 constexpr int sky_directions = 36;
-/// Light rays per softbox along its edge: those of the bright one resolve its visible shadows.
-constexpr std::array box_edges{4, 2};
 
 struct Beam {
     V3 to, power; // power: radiance times solid angle
     int box;      // softbox, or -1
 };
-std::vector<Beam> beams() {
+std::vector<Beam> beams(const std::vector<Softbox>& softboxes) {
     std::vector<Beam> list;
     // A spiral of even density; the lower third of the sky is too dim to be sampled.
     constexpr double golden = 2.399963229728653;
@@ -59,14 +58,14 @@ std::vector<Beam> beams() {
         const V3 d(r * std::cos(golden * i), y, r * std::sin(golden * i));
         list.push_back({d, sky(d) * (4 * std::numbers::pi / sky_directions), -1});
     }
-    for (int b = 0; b < 2; ++b) {
-        const Softbox& s = softboxes[static_cast<std::size_t>(b)];
-        const int edge = box_edges[static_cast<std::size_t>(b)];
+    for (std::size_t b = 0; b < softboxes.size(); ++b) {
+        const Softbox& s = softboxes[b];
+        const int edge = s.edge;
         const double solid = 4 * s.half_size * s.half_size / (edge * edge);
         for (int k = 0; k < edge * edge; ++k) {
             const auto place = [&](int i) { return s.half_size * ((2.0 * i + 1) / edge - 1); };
             const V3 d = normalized(V3(s.to + place(k % edge) * s.right + place(k / edge) * s.up));
-            list.push_back({d, s.radiance * solid, b});
+            list.push_back({d, s.radiance * solid, static_cast<int>(b)});
         }
     }
     return list;
@@ -88,10 +87,15 @@ double power(double x, int n) {
 }
 
 double srgb(double x) { return x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055; }
+constexpr double knee = 0.5;
 /// Tone curve: linear up to a half, then compressed to stay below 1.
 double shoulder(double x) {
-    constexpr double knee = 0.5;
     return x < knee ? x : 1 - (1 - knee) * std::exp(-(x - knee) / (1 - knee));
+}
+/// Returns the light whose picture has this colour, in (0, 1).
+double light_of(double colour) {
+    const double x = colour <= 0.04045 ? colour / 12.92 : std::pow((colour + 0.055) / 1.055, 2.4);
+    return x < knee ? x : knee - (1 - knee) * std::log((1 - x) / (1 - knee));
 }
 
 /// Returns where in a pixel its rays are [px], their mean in its middle: Roberts' R2 sequence, which
@@ -109,6 +113,19 @@ std::vector<Vec2<double>> places_in_pixel(int samples) {
 }
 
 } // namespace
+
+const std::vector<Softbox>& usual_softboxes() {
+    static const std::vector<Softbox> both{softbox({0.62, 0.68, 0.95}, 0.26, {17.0, 16.0, 14.6}, 4),
+                                           softbox({-0.95, 0.22, 0.60}, 0.30, {3.6, 3.9, 4.3}, 2)};
+    return both;
+}
+
+Softbox softbox_of(const V3& to, double width, const V3& intensity) {
+    V3 radiance;
+    for (Index c = 0; c < 3; ++c)
+        radiance[c] = (light_of(dark_iris + intensity[c]) - light_of(dark_iris)) / mirror;
+    return softbox(to, edge_of_lobe * width, radiance, 4);
+}
 
 void PosedHead::add_eyeball(const Eyeball& eye, const HeadState& state, int index) {
     const auto e = static_cast<std::size_t>(index);
@@ -131,6 +148,7 @@ void PosedHead::add_eyeball(const Eyeball& eye, const HeadState& state, int inde
 PosedHead::PosedHead(const HeadModel& model, const HeadState& state)
     : model_(model),
       world_from_lights_(state.world_from_lights),
+      softboxes_(state.softboxes),
       faces_(model.faces),
       parts_(model.parts),
       caster_(Columns<double>(3, 0), {}) {
@@ -162,9 +180,9 @@ void PosedHead::find_normals() {
 }
 
 void PosedHead::gather_light() {
-    std::vector<Beam> all = beams();
+    std::vector<Beam> all = beams(softboxes_);
     for (Beam& beam : all) beam.to = world_from_lights_ * beam.to;
-    light_ = Columns<double>::Zero(5, vertices_.cols());
+    light_ = Columns<double>::Zero(3 + static_cast<Index>(softboxes_.size()), vertices_.cols());
     for_chunks(program_threads(), vertices_.cols(), 256, [&](Index begin, Index end, Index) {
         for (Index i = begin; i < end; ++i) {
             const V3 n = normals_.col(i), from = V3(vertices_.col(i)) + lift * n;
@@ -174,7 +192,7 @@ void PosedHead::gather_light() {
                 if (facing <= 0 || caster_.meets({from, beam.to})) continue;
                 for (int c = 0; c < 3; ++c) light_(c, i) += beam.power[c] * facing;
                 if (beam.box < 0) continue;
-                const int edge = box_edges[static_cast<std::size_t>(beam.box)];
+                const int edge = softboxes_[static_cast<std::size_t>(beam.box)].edge;
                 light_(3 + beam.box, i) += 1.0 / (edge * edge);
             }
         }
@@ -255,7 +273,7 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
     const bool back = flat.dot(ray.direction) > 0;
     V3 n = blend(normals_);
     n /= std::max(n.norm(), 1e-12);
-    const Vec<double, 5> light = blend(light_);
+    const VecX<double> light = blend(light_);
     // In the lights' frame.
     const V3 along = world_from_lights_.transpose() * ray.direction,
              normal = world_from_lights_.transpose() * n;
@@ -269,12 +287,12 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
         const V3 albedo = eye_colour(ray, at, part == Part::eyeball_left ? 0 : 1, inside);
         colour = albedo.cwiseProduct(fallen);
         // Reflection of the softboxes on the wet surface, where the lids do not hide them.
-        const V3 mirror = along - 2 * normal.dot(along) * normal;
+        const V3 reflected = along - 2 * normal.dot(along) * normal;
         const double grazing = power(1 - std::clamp(-n.dot(ray.direction), 0.0, 1.0), 5);
-        const double reflects = 0.035 + 0.6 * grazing;
-        for (int b = 0; b < 2; ++b) {
-            const Softbox& s = softboxes[static_cast<std::size_t>(b)];
-            colour += s.radiance * (reflects * light[3 + b] * mirrored(s, mirror) *
+        const double reflects = mirror + 0.6 * grazing;
+        for (std::size_t b = 0; b < softboxes_.size(); ++b) {
+            const Softbox& s = softboxes_[b];
+            colour += s.radiance * (reflects * light[3 + static_cast<Index>(b)] * mirrored(s, reflected) *
                                     std::lerp(0.35, 1.0, inside));
         }
         return colour;
@@ -304,15 +322,16 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
     }
     colour = skin.head<3>().cwiseProduct(fallen);
     // Specular skin: a broad and a narrow lobe about each softbox's centre.
-    for (int b = 0; b < 2; ++b) {
-        const Softbox& s = softboxes[static_cast<std::size_t>(b)];
+    for (std::size_t b = 0; b < softboxes_.size(); ++b) {
+        const Softbox& s = softboxes_[b];
         const V3 middle = normalized(V3(s.to - along));
         const double nh = std::max(0.0, normal.dot(middle)), nl = std::max(0.0, normal.dot(s.to));
         const double lobe = 0.7 * power(nh, 12) * 20 / 25 + 0.3 * power(nh, 50) * 58 / 25;
         const double fresnel =
             0.035 + 0.5 * power(1 - std::max(0.0, -middle.dot(along)), 5);
         const double solid = 4 * s.half_size * s.half_size;
-        colour += s.radiance * (solid * nl * lobe * fresnel * skin[3] * 1.4 * light[3 + b]);
+        colour += s.radiance * (solid * nl * lobe * fresnel * skin[3] * 1.4 *
+                               light[3 + static_cast<Index>(b)]);
     }
     return colour;
 }

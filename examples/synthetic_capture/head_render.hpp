@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// synthetic_capture/head_render.hpp: images of a posed head by ray casting.
-/// The irradiance at each vertex (a sky and two softboxes, with shadows) does not depend on the
+/// The irradiance at each vertex (a sky and softboxes, with shadows) does not depend on the
 /// view and is computed once per pose; images then cast primary rays only. Deterministic: the same
 /// pose and camera give the same image on any number of threads. World and camera conventions of
 /// rye; output colours are sRGB in [0, 1].
@@ -16,6 +16,21 @@
 
 namespace rye::trainer {
 
+/// A square light at infinity.
+struct Softbox {
+    Vec3<double> to, right, up; ///< unit vectors, lights' frame
+    double half_size;           ///< of its edge [rad]
+    Vec3<double> radiance;      ///< linear R, G, B
+    int edge = 4;               ///< rays of light along its edge
+};
+/// The lights that a capture has by itself: a bright one and a dim one on the other side.
+const std::vector<Softbox>& usual_softboxes();
+/// Returns a light in a direction of any length, whose highlight on a dark iris adds `intensity`
+/// (sRGB, 0 to most_highlight) and is as wide as a lobe of `width` [rad, at most most_light_width]
+/// (rye/rig/cornea.hpp).
+Softbox softbox_of(const Vec3<double>& to, double width, const Vec3<double>& intensity);
+inline constexpr double most_highlight = 0.7, most_light_width = 0.8;
+
 /// State of a head in one frame.
 struct HeadState {
     VecX<double> expression;             ///< weights in [0, 1]
@@ -26,6 +41,7 @@ struct HeadState {
     Rigid<double> world_from_head = {};
     /// Turn of the lights, which are at infinity.
     Mat3<double> world_from_lights = Mat3<double>::Identity();
+    std::vector<Softbox> softboxes = usual_softboxes();
 };
 
 /// An image premultiplied over black: composite with image + (1 - mask) * background, in sRGB.
@@ -54,11 +70,12 @@ class PosedHead {
 
     const HeadModel& model_;
     Mat3<double> world_from_lights_;
+    std::vector<Softbox> softboxes_;
     Points vertices_, normals_;
     std::vector<Face> faces_;
     std::vector<Part> parts_;
     RayCaster caster_;
-    Columns<double> light_; // 5 x V: irradiance RGB, then visible part of each softbox
+    Columns<double> light_; // (3 + boxes) x V: irradiance RGB, visible part of each softbox
     std::array<Vec3<double>, 2> eye_centres_;
     std::array<Mat3<double>, 2> world_from_eye_;
 };

@@ -235,6 +235,7 @@ CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {
                  : i < s.train_frames + s.novel_frames ? FrameKind::novel
                                                        : FrameKind::independent;
         f.state.expression = VecX<double>::Zero(static_cast<Index>(model.expression_names.size()));
+        if (s.softboxes) f.state.softboxes = *s.softboxes;
         if (i > 0) {
             set_pose(f, r);
             f.state.expression = random_expression(model.expression_names, r);

@@ -30,6 +30,7 @@ struct CaptureSettings {
     /// where a unit is 100 mm; 0: eyeballs only rotate.
     double eye_translation_mm = 0;
     bool png = false;           ///< images are written as PNG, else as JPEG
+    std::optional<std::vector<Softbox>> softboxes = {}; ///< instead of usual_softboxes()
 };
 
 /// A camera of the rig.

@@ -13,6 +13,7 @@
 #include "commands/film.hpp"
 #include "commands/options.hpp"
 #include "commands/progress.hpp"
+#include "corrections/lights.hpp"
 #include "data/gaze_dots.hpp"
 #include "data/system.hpp"
 #include "data/threads.hpp"
@@ -26,7 +27,7 @@ namespace fs = std::filesystem;
 struct CaptureCommand {
     CaptureSettings settings;
     VideoSettings film;
-    fs::path out, model, video, dots;
+    fs::path out, model, video, dots, lights;
     double dots_begin = 0;
     int threads = 0;
     bool auto_exposure = false; ///< of the video
@@ -50,6 +51,21 @@ void check_out(const CaptureCommand& o) {
             "is not a capture (no capture.json), so --overwrite does not replace it");
 }
 
+/// Returns the lights of a file as the renderer has them.
+std::vector<Softbox> read_softboxes(const fs::path& path) {
+    std::vector<Softbox> boxes;
+    for (const FoundLight& l : read_lights(path).lights) {
+        const std::string who = path.string() + ": lights[" + std::to_string(boxes.size()) + "]";
+        require(l.width <= most_light_width, who + ": width", "got ", l.width,
+                " rad, expected at most ", most_light_width);
+        for (const double x : l.intensity)
+            require(x >= 0 && x <= most_highlight, who + ": intensity", "got ", x,
+                    ", expected 0 to ", most_highlight);
+        boxes.push_back(softbox_of(l.to, l.width, l.intensity));
+    }
+    return boxes;
+}
+
 /// Moves the finished folder to its place.
 void publish(const fs::path& finished, const fs::path& out) {
     const fs::path old = beside(out, ".old");
@@ -61,6 +77,8 @@ void publish(const fs::path& finished, const fs::path& out) {
 
 void run(const CaptureCommand& o) {
     check_out(o);
+    CaptureSettings settings = o.settings;
+    if (!o.lights.empty()) settings.softboxes = read_softboxes(o.lights);
     if (!o.video.empty()) check_film(o.video);
     set_threads(o.threads);
     const auto start = std::chrono::steady_clock::now();
@@ -80,8 +98,8 @@ void run(const CaptureCommand& o) {
             return dot ? std::optional(dot->right_up) : std::nullopt;
         };
     }
-    const CaptureScene scene = o.video.empty() ? capture_scene(model, o.settings)
-                                               : video_scene(model, o.settings, film);
+    const CaptureScene scene = o.video.empty() ? capture_scene(model, settings)
+                                               : video_scene(model, settings, film);
     // Written under another name, so that an interrupted capture cannot pass for a complete one.
     const fs::path unfinished = beside(o.out, ".tmp");
     fs::remove_all(unfinished);
@@ -133,6 +151,10 @@ void add_capture(CLI::App& app) {
     c->add_option("--model", o->model,
                   "A head model as an npz with names.json beside it, instead of rye's own head: the "
                   "ICT face model (light), or what `rye pack` writes");
+    c->add_option("--lights", o->lights,
+                  "JSON file of lights beside the sky, instead of the usual two: what `rye info "
+                  "--json` prints of a capture, or a list of {\"to\": [X, Y, Z], \"intensity\": "
+                  "[R, G, B], \"width\": RADIANS}; frames and cameras stay as they are");
     CLI::Option* const video =
         c->add_option("--video", o->video,
                       "Video of the same pictures to write, before a wall (.y4m, else by ffmpeg): one "

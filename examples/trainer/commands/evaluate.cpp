@@ -13,10 +13,12 @@
 #include <rye/core/checksum.hpp>
 
 #include "commands/commands.hpp"
+#include "commands/lights_option.hpp"
 #include "commands/options.hpp"
 #include "corrections/camera_colours.hpp"
 #include "corrections/centre_errors.hpp"
 #include "corrections/highlight_spots.hpp"
+#include "corrections/lights.hpp"
 #include "data/checksums.hpp"
 #include "data/corrected_cameras.hpp"
 #include "data/threads.hpp"
@@ -32,7 +34,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct EvaluateOptions {
-    std::filesystem::path run, capture, out, perceptual_weights;
+    std::filesystem::path run, capture, out, perceptual_weights, lights;
     std::string split = "test", device = "auto";
     bool json = false, align_head = false;
     double dilation = 0; ///< [px^2]; 0: not given
@@ -253,7 +255,8 @@ Json align_head(const EvaluateOptions& o, Capture& capture, const std::vector<in
 
 void evaluate(const EvaluateOptions& o) {
     set_threads(o.threads);
-    const TrainState state = load_trained(o.run);
+    TrainState state = load_trained(o.run);
+    relight(state, o.run, o.lights);
     Capture capture = read_corrected(o, state);
     std::vector<int> frames = o.split == "train" ? capture.train : capture.test;
     if (o.split == "novel") frames = capture.novel_gaze;
@@ -289,6 +292,7 @@ void evaluate(const EvaluateOptions& o) {
                     {"frame_exposures", exposures_json(capture)},
                     {"corrected_cameras", corrected_json(capture)},
                     {"head_alignment", alignment},
+                    {"lights", o.lights.empty() ? Json() : lights_of(state.avatar).json().at("lights")},
                     {"all", all.json()}};
     for (const auto& [name, r] : groups) results[name] = r.json();
     const CentreErrors centres = centre_errors(state, capture, frames);
@@ -344,6 +348,7 @@ void add_evaluate(CLI::App& app) {
     c->add_option(
         "--perceptual-weights", o->perceptual_weights,
         "VGG16 + LPIPS weights for the LPIPS column, a safetensors file as for `rye train`");
+    add_lights(*c, o->lights);
     c->add_option("--out", o->out, "Folder for results.json and per_view.json (default: the run's)");
     add_device(*c, o->device, drawing_device_help);
     add_memory(*c);

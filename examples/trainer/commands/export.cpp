@@ -20,6 +20,7 @@
 
 #include "commands/commands.hpp"
 #include "commands/export_avatar.hpp"
+#include "commands/lights_option.hpp"
 #include "commands/options.hpp"
 #include "data/deflate.hpp"
 #include "data/degrees.hpp"
@@ -199,7 +200,9 @@ void export_splats(const ExportOptions& o) {
     check_bases_option(o);
     if (extension_of(o.out) == ".avatar")
         return export_avatar({o.run, o.capture, o.out, o.frame, o.avatar.camera,
-                              o.avatar.full_precision});
+                              o.avatar.full_precision, o.avatar.lights});
+    require(o.avatar.lights.empty(), "rye export", "--lights: a splat file has no highlights, "
+            "expected an .avatar");
     const SplatFileOptions options = file_options(o);
     const TrainState state = load_trained(o.run);
     Drivers<float> drivers;
@@ -281,6 +284,7 @@ void add_export(CLI::App& app) {
                   "NAME.avatar: its default camera (default: the most frontal)");
     c->add_flag("--full-precision", o->avatar.full_precision,
                 "NAME.avatar: 32 bits a number instead of 16 where that costs nothing visible");
+    add_lights(*c, o->avatar.lights);
     c->add_option("--out,--ply", o->out,
                   "File to write: .ply, .splat, .spz, .glb, .usda, or .avatar, the whole avatar")
         ->required();

@@ -10,6 +10,7 @@
 #include <rye/interactive/player.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "commands/lights_option.hpp"
 #include "commands/options.hpp"
 #include "drawing/playable.hpp"
 
@@ -43,7 +44,8 @@ double least_psnr(const PlayableAvatar<float>& exported, const PlayableAvatar<fl
 } // namespace
 
 void export_avatar(const AvatarExportOptions& o) {
-    const TrainState state = load_trained(o.run);
+    TrainState state = load_trained(o.run);
+    relight(state, o.run, o.lights);
     const Capture capture = driving_capture(o.run, state, o.capture);
     const int frame = frame_index(capture, o.frame);
     PlayableAvatar<float> playable =

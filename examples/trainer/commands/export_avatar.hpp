@@ -11,6 +11,7 @@ struct AvatarExportOptions {
     std::filesystem::path run, capture, out; ///< capture may be empty: the one trained on
     std::string frame, camera;               ///< ids; empty: as `rye redirect` chooses
     bool full_precision = false;             ///< F32 everywhere
+    std::filesystem::path lights;            ///< of --lights; may be empty
 };
 
 /// Writes the file and prints its name and size.

@@ -26,6 +26,7 @@
 #include "data/degrees.hpp"
 #include "data/validate.hpp"
 #include "device/device.hpp"
+#include "model/run.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -141,6 +142,20 @@ LabelFindings judged_labels(Capture& capture, const Verdict& verdict, CameraFind
     return found;
 }
 
+/// Prints the lights of a run's avatar.
+void describe_run(const std::filesystem::path& run, bool json) {
+    const FoundLights lights = lights_of(load_trained(run).avatar);
+    if (json) {
+        nlohmann::ordered_json about = {{"run", run.string()}};
+        about["lights"] = lights.json().at("lights");
+        std::cout << about.dump(2) << "\n";
+        return;
+    }
+    std::cout << line("run", run.string());
+    if (lights.lights.empty()) std::cout << line("lights", "none: no highlights are drawn");
+    else for (const std::string& words : lights.lines()) std::cout << line("lights", words);
+}
+
 /// Returns the lights that a capture's eyes show; none of one that cannot be trained on.
 FoundLights lights_of(const Capture& capture) {
     if (capture.train.empty() || !capture.has_gaze()) return {};
@@ -193,8 +208,9 @@ void add_info(CLI::App& app) {
                                       "Say which effects the scene calls for, and why; with "
                                       "--run, --effects=NAMES draws the avatar by these effects, "
                                       "or by a variant");
-    command->add_option("--run", arguments->options.run, "Folder of a run: its avatar is judged, too")
-        ->needs(effects);
+    command->add_option("--run", arguments->options.run,
+                        "Folder of a run: its lights are printed; with --effects its avatar is "
+                        "judged, too");
     command->add_option("--bound", arguments->options.bound,
                         "With --effects: the least change of a colour that counts; 0.004 or 1/255")
         ->check(read_check(parsed_error))
@@ -208,6 +224,12 @@ void add_info(CLI::App& app) {
                 std::cout << effects_json(arguments->options).dump(2) << "\n";
             else
                 std::cout << explain_effects(arguments->options);
+            return;
+        }
+        if (!arguments->options.run.empty()) {
+            require(arguments->folder.empty(), "rye info",
+                    "got a capture and --run without --effects, expected one of them");
+            describe_run(arguments->options.run, arguments->json);
             return;
         }
         require(!arguments->folder.empty(), "rye info",

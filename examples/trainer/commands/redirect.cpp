@@ -19,6 +19,7 @@
 #include "commands/commands.hpp"
 #include "commands/driving.hpp"
 #include "commands/idle.hpp"
+#include "commands/lights_option.hpp"
 #include "commands/options.hpp"
 #include "commands/picture_labels.hpp"
 #include "commands/progress.hpp"
@@ -33,7 +34,7 @@ namespace rye::trainer {
 namespace {
 
 struct RedirectOptions {
-    std::filesystem::path run, capture, out, labels;
+    std::filesystem::path run, capture, out, labels, lights;
     std::string frame, camera, effects, rate = "25", device = "auto";
     std::vector<double> left, right;  ///< pitch, yaw [deg]
     CameraOptions own;
@@ -296,7 +297,8 @@ void redirect(const RedirectOptions& o) {
     const OutFormat format = checked_format(o);
     set_threads(o.threads);
     std::ostream& say = format == OutFormat::y4m_stream ? std::cerr : std::cout;
-    const TrainState state = load_trained(o.run);
+    TrainState state = load_trained(o.run);
+    relight(state, o.run, o.lights);
     Shot shot = shot_of(o, state, say);
     note_outside(state, shot.frames);
     if (moves(format)) {
@@ -355,6 +357,7 @@ void add_redirect(CLI::App& app) {
         c->get_option("--gaze-at")->excludes(gaze);
     add_driving_options(*c, o->driving);
     add_idle_options(*c, o->idle);
+    add_lights(*c, o->lights);
     c->add_option("--fps", o->rate, "Pictures a second of a video: 25, or 30000/1001")
         ->check(read_check(parsed_rate))
         ->capture_default_str();

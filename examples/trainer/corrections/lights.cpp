@@ -13,6 +13,7 @@
 #include <rye/train/capture_subject.hpp>
 
 #include "data/degrees.hpp"
+#include "data/json_fields.hpp"
 #include "data/median.hpp"
 #include "data/threads.hpp"
 
@@ -38,6 +39,10 @@ constexpr double narrow = 2 * degree, wide = 35 * degree;
 constexpr double least_height = 0.03, deviations = 2.5;
 /// Distance of lights, in radii of the eyeball: far.
 constexpr double distance_in_radii = 1000;
+/// Distance of a file's lights that have a direction alone [world units], and bounds of its numbers:
+/// of lengths, of intensities, of widths [rad].
+constexpr double far_away = 1e6, most_length = 1e9, most_intensity = 1000;
+constexpr double least_width = 1e-3, most_width = 3.2;
 
 /// A lobe of the map's mean channel.
 struct Lobe {
@@ -314,10 +319,12 @@ std::vector<std::string> FoundLights::lines() const {
 
 nlohmann::ordered_json FoundLights::json() const {
     nlohmann::ordered_json all = nlohmann::ordered_json::array();
-    for (const FoundLight& l : lights)
-        all.push_back({{"to", {l.to[0], l.to[1], l.to[2]}},
+    for (const FoundLight& l : lights) {
+        const Vec3<double>& at = l.position ? *l.position : l.to;
+        all.push_back({{l.position ? "position" : "to", {at[0], at[1], at[2]}},
                        {"intensity", {l.intensity[0], l.intensity[1], l.intensity[2]}},
                        {"width", l.width}});
+    }
     return {{"pictures", pictures}, {"explained", explained}, {"lights", all}};
 }
 
@@ -330,14 +337,71 @@ void set_lights(Avatar& avatar, const FoundLights& found) {
                              Vec3<float>(c.axis.cast<float>()), static_cast<float>(c.rim)};
     };
     set_corneas(optics, cornea(0), cornea(1));
-    resize_lights(optics, static_cast<Index>(found.lights.size()));
-    for (std::size_t l = 0; l < found.lights.size(); ++l) {
-        const FoundLight& light = found.lights[l];
+    replace_lights(avatar, found);
+}
+
+void replace_lights(Avatar& avatar, const FoundLights& lights) {
+    EyeOptics<float, TrainEffects>& optics = avatar.eyes.optics;
+    resize_lights(optics, static_cast<Index>(lights.lights.size()));
+    for (std::size_t l = 0; l < lights.lights.size(); ++l) {
+        const FoundLight& light = lights.lights[l];
         const auto at = static_cast<Index>(l);
-        optics.light_position.col(at) = (found.middle + found.distance * light.to).cast<float>();
+        const Vec3<double> far = lights.middle + lights.distance * light.to;
+        optics.light_position.col(at) = light.position.value_or(far).cast<float>();
         optics.light_intensity.col(at) = light.intensity.cast<float>();
         optics.light_width(0, at) = static_cast<float>(light.width);
     }
+}
+
+FoundLights lights_of(const Avatar& avatar) {
+    const EyeOptics<float, TrainEffects>& optics = avatar.eyes.optics;
+    FoundLights all;
+    for (Index l = 0; l < optics.lights(); ++l) {
+        const Vec3<double> at = optics.light_position.col(l).cast<double>();
+        all.lights.push_back({normalized(at), optics.light_intensity.col(l).cast<double>(),
+                              static_cast<double>(optics.light_width(0, l)), at});
+    }
+    return all;
+}
+
+FoundLights read_lights(const std::filesystem::path& path) {
+    const nlohmann::json file = read_json(path);
+    const nlohmann::json* list = &file;
+    while (list->is_object() && list->contains("lights")) list = &list->at("lights");
+    const std::string name = path.string() + ": lights";
+    require(list->is_array() && list->size() <= std::size_t(most_lights), name, "got ",
+            [&] { return json_excerpt(*list); }, ", expected a list of at most ", most_lights,
+            " lights, as `rye info --json` prints it");
+    FoundLights all;
+    all.distance = far_away;
+    for (const nlohmann::json& light : *list) {
+        const std::string who = name + "[" + std::to_string(all.lights.size()) + "]";
+        const auto vector = [&](const char* key, double most) {
+            const nlohmann::json& of = json_list(light, key, who, "a list of three numbers");
+            Vec3<double> v;
+            require(of.size() == 3, who + ": " + key, "got ", [&] { return json_excerpt(of); },
+                    ", expected three numbers");
+            for (std::size_t k = 0; k < 3; ++k) {
+                v[static_cast<Index>(k)] = json_number(of[k], who + ": " + key);
+                require(std::abs(v[static_cast<Index>(k)]) <= most, who + ": " + key, "got ",
+                        [&] { return json_excerpt(of); }, ", expected numbers of at most ", most);
+            }
+            return v;
+        };
+        const bool placed = light.is_object() && light.contains("position");
+        require(!placed || !light.contains("to"), who,
+                "has both to and position, expected one of them");
+        const Vec3<double> at = vector(placed ? "position" : "to", most_length);
+        require(at.norm() > 1 / most_length, who + (placed ? ": position" : ": to"),
+                "got a vector of length 0");
+        require(light.contains("width"), who + ": width", "is missing, expected radians");
+        const double width = json_number(light.at("width"), who + ": width");
+        require(width >= least_width && width <= most_width, who + ": width", "got ", width,
+                " rad, expected ", least_width, " to ", most_width);
+        all.lights.push_back({normalized(at), vector("intensity", most_intensity), width});
+        if (placed) all.lights.back().position = at;
+    }
+    return all;
 }
 
 } // namespace rye::trainer

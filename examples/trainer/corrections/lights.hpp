@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 /// corrections/lights.hpp: the lights of a capture, from what the corneas in its photographs mirror
 /// (reflections.hpp): lobes that explain the map of the surroundings, by least squares.
-/// Frames: the world's; lengths in world units. Lights are far away and do not move with the head.
+/// Frames: the world's; lengths in world units. Lights that are found are far away; none moves with
+/// the head.
 #pragma once
 
 #include <array>
+#include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,11 +17,12 @@
 
 namespace rye::trainer {
 
-/// A light as a capture's photographs show it.
+/// A light as a capture's photographs show it, or as a file states it.
 struct FoundLight {
     Vec3<double> to;        ///< direction of its middle, unit length
     Vec3<double> intensity; ///< colour that its highlight adds at its middle
     double width;           ///< standard deviation of its lobe [rad]
+    std::optional<Vec3<double>> position = {}; ///< of one that is not far away
 };
 
 /// Lights of a capture.
@@ -48,5 +52,15 @@ CorneaInPicture cornea_in_picture(const CaptureFrame& frame, const Pinhole<doubl
 
 /// Gives an avatar these lights and corneas; none, and nothing changes, where there are none.
 void set_lights(Avatar& avatar, const FoundLights& found);
+/// Gives an avatar that has corneas these lights instead of its own; none: no highlights.
+void replace_lights(Avatar& avatar, const FoundLights& lights);
+
+/// Returns an avatar's lights, with positions.
+FoundLights lights_of(const Avatar& avatar);
+/// Returns the lights of a JSON file: a list, alone or as the field `lights` of what `rye info
+/// --json` prints, of objects with `to` (a direction of any length) or `position`, `intensity` and
+/// `width`. Throws an Error with file, field and value for more than most_lights, and for numbers
+/// that are not finite or out of range.
+FoundLights read_lights(const std::filesystem::path& path);
 
 } // namespace rye::trainer
