@@ -105,6 +105,46 @@ TEST_CASE("an iris in the world is where the refracted ray of the camera meets i
     CHECK(moved > 1e-3);
 }
 
+TEST_CASE("a light that is moved takes its highlight to where a spherical mirror shows it") {
+    // By the law of reflection in the world, for a light that each point in turn mirrors.
+    using E = Effects<HeadPose, LeftGaze, RightGaze, Glint>;
+    TwoStream<double, E> avatar = restricted<E>(avatar_of_optics());
+    const Cornea<double> cornea = cornea_of<double>(EyeballShape{.iris_plane = 0.1});
+    set_corneas(avatar.eyes.optics, cornea, cornea);
+    const Index n = avatar.eyes.points_of(0), all = avatar.eyes.position.cols();
+    for (Index i = 0; i < all; ++i) {
+        const double r = 0.03 * double(i % n) / double(n), a = 1.3 * double(i);
+        avatar.eyes.position.col(i) << r * std::cos(a), r * std::sin(a),
+            cornea.centre.z() + std::sqrt(cornea.radius * cornea.radius - r * r);
+    }
+    const Drivers<double, E> drivers = restricted<E>(drivers_of_optics());
+    const auto dark = driven(avatar, drivers);
+    resize_lights(avatar.eyes.optics, 1);
+    avatar.eyes.optics.light_intensity << 0.9, 0.3, 0.7;
+    avatar.eyes.optics.light_width << 0.02;
+    int moved = 0;
+    double off = 0;
+    for (Index i = 0; i < all; ++i) {
+        const EyeTransform<double>& eye = dark.eyes.optics.placed[i < n ? 0 : 1];
+        const Vec3<double> at = dark.gaussians.mean.col(dark.face_count + i),
+                           normal = (at - eye.apply(cornea.centre)).normalized(),
+                           view = (at - drivers.camera).normalized();
+        avatar.eyes.optics.light_position = 1e6 * (view - 2 * view.dot(normal) * normal);
+        const auto lit = driven(avatar, drivers);
+        const Columns<double> added = (lit.gaussians.feature - dark.gaussians.feature)
+                                          .middleCols(dark.face_count + (i < n ? 0 : n), n)
+                                          .topRows(3);
+        Index brightest = 0;
+        added.colwise().sum().maxCoeff(&brightest);
+        moved += brightest == i % n ? 1 : 0;
+        off = std::max(off, (added.col(i % n) - avatar.eyes.optics.light_intensity)
+                                .cwiseAbs()
+                                .maxCoeff());
+    }
+    CHECK(moved == all);
+    CHECK(off < 1e-6); // the light is far, not infinitely far
+}
+
 TEST_CASE("held without refraction and glint it looks the same at that camera") {
     const auto all = avatar_of_optics();
     const auto drivers = drivers_of_optics();

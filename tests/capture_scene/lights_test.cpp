@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 
 #include <doctest/doctest.h>
 
@@ -50,6 +51,75 @@ TEST_CASE("lights: the softboxes of a rendered head are found, and nothing witho
     const FoundLights nothing = find_lights(blind, subject);
     CHECK(nothing.lights.empty());
     CHECK(nothing.lines().front().find("no light was found") == 0);
+}
+
+TEST_CASE("lights: those of a file light the same head and frames, and are found where they are") {
+    const TemporaryFolder folder;
+    const std::filesystem::path file = folder.path / "lights.json";
+    std::ofstream(file) << R"([{"to": [-0.5, 0.4, 2], "intensity": [0.5, 0.4, 0.3], "width": 0.15}])";
+    const FoundLight given = read_lights(file).lights.front();
+    const RightCapture other(12, std::vector{softbox_of(given.to, given.width, given.intensity)});
+    const FoundLights found =
+        find_lights(other.capture, describe_subject(other.capture, preset("cpu")));
+    for (const std::string& line : found.lines()) MESSAGE(line);
+    REQUIRE(found.lights.size() >= 1);
+    const FoundLight& light = found.lights.front();
+    CHECK(angle(light.to, given.to) < 4);
+    CHECK(light.width == doctest::Approx(given.width).epsilon(0.3));
+    for (Index c = 0; c < 3; ++c)
+        CHECK(light.intensity[c] == doctest::Approx(given.intensity[c]).epsilon(0.3));
+
+    const Capture &a = right_capture().capture, &b = other.capture;
+    REQUIRE(a.frame_count() == b.frame_count());
+    for (int f = 0; f < a.frame_count(); ++f) {
+        const auto i = static_cast<std::size_t>(f);
+        CHECK(a.frames[i].pose == b.frames[i].pose);
+        CHECK(a.frames[i].landmarks == b.frames[i].landmarks);
+        CHECK(a.frames[i].eyes[0].optical == b.frames[i].eyes[0].optical);
+        CHECK(a.mask(f, 1).pixels == b.mask(f, 1).pixels);
+        CHECK(a.image(f, 1).pixels != b.image(f, 1).pixels);
+    }
+}
+
+TEST_CASE("lights: what is wrong with a file is told with file, field and value") {
+    const TemporaryFolder folder;
+    const std::filesystem::path file = folder.path / "lights.json";
+    const auto read = [&](const std::string& text) {
+        std::ofstream(file, std::ios::trunc) << text;
+        return read_lights(file).lights;
+    };
+    const auto of = [&](const std::string& fields) { return read("{\"lights\": [{" + fields + "}]}"); };
+    const std::string to = R"("to": [0, 3, 4])", red = R"("intensity": [1, 0, 0])",
+                      wide = R"("width": 0.2)";
+    const std::vector<FoundLight> good = of(to + "," + red + "," + wide);
+    REQUIRE(good.size() == 1);
+    CHECK((good[0].to - Vec3<double>(0, 0.6, 0.8)).norm() < 1e-15);
+    CHECK_FALSE(good[0].position);
+    CHECK(*of(R"("position": [0, 3, 4],)" + red + "," + wide)[0].position == Vec3<double>(0, 3, 4));
+    CHECK(read(R"({"lights": {"pictures": 7, "lights": []}})").empty()); // as `rye info` nests it
+    CHECK_FAULT(read_lights(folder.path / "none.json"), "none.json");
+    CHECK_FAULT(read("{\"lights\": [}"), "lights.json: not JSON");
+    CHECK_FAULT(read("{}"), "lights.json: lights: got {}, expected a list of at most 16 lights");
+    CHECK_FAULT(read("{\"lights\": null}"), "lights: got null, expected a list");
+    CHECK_FAULT(read("[1]"), "lights[0]: got 1, expected an object with to");
+    CHECK_FAULT(of(red + "," + wide), "lights[0]: to: is missing, expected a list of three numbers");
+    CHECK_FAULT(of(to + "," + wide), "lights[0]: intensity: is missing");
+    CHECK_FAULT(of(to + "," + red), "lights[0]: width: is missing, expected radians");
+    CHECK_FAULT(of(to + R"(,"position": [1, 2, 3],)" + red + "," + wide),
+                "lights[0]: has both to and position");
+    CHECK_FAULT(of(R"("to": [1, 2],)" + red + "," + wide), "to: got [1,2], expected three numbers");
+    CHECK_FAULT(of(R"("to": [1, 2, "up"],)" + red + "," + wide),
+                "to: got \"up\", expected a finite number");
+    CHECK_FAULT(of(R"("to": [0, 0, 0],)" + red + "," + wide), "to: got a vector of length 0");
+    CHECK_FAULT(of(R"("position": [0, 0, 1e10],)" + red + "," + wide), "expected numbers of at most");
+    CHECK_FAULT(of(to + R"(,"intensity": [1, 1e5, 1],)" + wide), "intensity: got [1,100000.0,1], expected numbers of at most 1000");
+    CHECK_FAULT(of(to + R"(,"intensity": [1, 1e999, 1],)" + wide), "lights.json: not JSON");
+    CHECK_FAULT(of(to + "," + red + R"(,"width": 0)"), "width: got 0 rad, expected 0.001 to 3.2");
+    CHECK_FAULT(of(to + "," + red + R"(,"width": null)"), "width: got null, expected a finite number");
+    std::string many = "[";
+    for (int l = 0; l < 17; ++l)
+        many += std::string(l ? "," : "") + "{" + to + "," + red + "," + wide + "}";
+    CHECK_FAULT(read(many + "]"), "expected a list of at most 16 lights");
 }
 
 TEST_CASE("reflections: lobes painted on irises are found where they are, by map and by fit") {

@@ -17,13 +17,15 @@ struct RightCapture {
     std::filesystem::path path = folder.path / "right";
     Capture capture;
 
-    explicit RightCapture(int train_frames) {
+    explicit RightCapture(int train_frames,
+                          const std::optional<std::vector<Softbox>>& softboxes = {}) {
         const CaptureSettings settings{.size = 256,
                                        .cameras = 6,
                                        .train_frames = train_frames,
                                        .novel_frames = 2,
                                        .independent_frames = 0,
-                                       .samples = 1};
+                                       .samples = 1,
+                                       .softboxes = softboxes};
         const HeadModel head = procedural_head(1);
         write_capture(head, capture_scene(head, settings), path, [](int, int) {});
         capture = read_capture(path);
