@@ -292,8 +292,8 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
         const double reflects = mirror + 0.6 * grazing;
         for (std::size_t b = 0; b < softboxes_.size(); ++b) {
             const Softbox& s = softboxes_[b];
-            colour += s.radiance * (reflects * light[3 + static_cast<Index>(b)] * mirrored(s, reflected) *
-                                    std::lerp(0.35, 1.0, inside));
+            colour += s.radiance * (reflects * light[3 + static_cast<Index>(b)] *
+                                    mirrored(s, reflected) * std::lerp(0.35, 1.0, inside));
         }
         return colour;
     }
@@ -330,8 +330,8 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
         const double fresnel =
             0.035 + 0.5 * power(1 - std::max(0.0, -middle.dot(along)), 5);
         const double solid = 4 * s.half_size * s.half_size;
-        colour += s.radiance * (solid * nl * lobe * fresnel * skin[3] * 1.4 *
-                               light[3 + static_cast<Index>(b)]);
+        colour += s.radiance *
+                  (solid * nl * lobe * fresnel * skin[3] * 1.4 * light[3 + static_cast<Index>(b)]);
     }
     return colour;
 }

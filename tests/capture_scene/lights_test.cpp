@@ -56,7 +56,8 @@ TEST_CASE("lights: the softboxes of a rendered head are found, and nothing witho
 TEST_CASE("lights: those of a file light the same head and frames, and are found where they are") {
     const TemporaryFolder folder;
     const std::filesystem::path file = folder.path / "lights.json";
-    std::ofstream(file) << R"([{"to": [-0.5, 0.4, 2], "intensity": [0.5, 0.4, 0.3], "width": 0.15}])";
+    std::ofstream(file)
+        << R"([{"to": [-0.5, 0.4, 2], "intensity": [0.5, 0.4, 0.3], "width": 0.15}])";
     const FoundLight given = read_lights(file).lights.front();
     const RightCapture other(12, std::vector{softbox_of(given.to, given.width, given.intensity)});
     const FoundLights found =
@@ -88,7 +89,9 @@ TEST_CASE("lights: what is wrong with a file is told with file, field and value"
         std::ofstream(file, std::ios::trunc) << text;
         return read_lights(file).lights;
     };
-    const auto of = [&](const std::string& fields) { return read("{\"lights\": [{" + fields + "}]}"); };
+    const auto of = [&](const std::string& fields) {
+        return read("{\"lights\": [{" + fields + "}]}");
+    };
     const std::string to = R"("to": [0, 3, 4])", red = R"("intensity": [1, 0, 0])",
                       wide = R"("width": 0.2)";
     const std::vector<FoundLight> good = of(to + "," + red + "," + wide);
@@ -102,7 +105,8 @@ TEST_CASE("lights: what is wrong with a file is told with file, field and value"
     CHECK_FAULT(read("{}"), "lights.json: lights: got {}, expected a list of at most 16 lights");
     CHECK_FAULT(read("{\"lights\": null}"), "lights: got null, expected a list");
     CHECK_FAULT(read("[1]"), "lights[0]: got 1, expected an object with to");
-    CHECK_FAULT(of(red + "," + wide), "lights[0]: to: is missing, expected a list of three numbers");
+    CHECK_FAULT(of(red + "," + wide),
+                "lights[0]: to: is missing, expected a list of three numbers");
     CHECK_FAULT(of(to + "," + wide), "lights[0]: intensity: is missing");
     CHECK_FAULT(of(to + "," + red), "lights[0]: width: is missing, expected radians");
     CHECK_FAULT(of(to + R"(,"position": [1, 2, 3],)" + red + "," + wide),
@@ -111,11 +115,14 @@ TEST_CASE("lights: what is wrong with a file is told with file, field and value"
     CHECK_FAULT(of(R"("to": [1, 2, "up"],)" + red + "," + wide),
                 "to: got \"up\", expected a finite number");
     CHECK_FAULT(of(R"("to": [0, 0, 0],)" + red + "," + wide), "to: got a vector of length 0");
-    CHECK_FAULT(of(R"("position": [0, 0, 1e10],)" + red + "," + wide), "expected numbers of at most");
-    CHECK_FAULT(of(to + R"(,"intensity": [1, 1e5, 1],)" + wide), "intensity: got [1,100000.0,1], expected numbers of at most 1000");
+    CHECK_FAULT(of(R"("position": [0, 0, 1e10],)" + red + "," + wide),
+                "expected numbers of at most");
+    CHECK_FAULT(of(to + R"(,"intensity": [1, 1e5, 1],)" + wide),
+                "intensity: got [1,100000.0,1], expected numbers of at most 1000");
     CHECK_FAULT(of(to + R"(,"intensity": [1, 1e999, 1],)" + wide), "lights.json: not JSON");
     CHECK_FAULT(of(to + "," + red + R"(,"width": 0)"), "width: got 0 rad, expected 0.001 to 3.2");
-    CHECK_FAULT(of(to + "," + red + R"(,"width": null)"), "width: got null, expected a finite number");
+    CHECK_FAULT(of(to + "," + red + R"(,"width": null)"),
+                "width: got null, expected a finite number");
     std::string many = "[";
     for (int l = 0; l < 17; ++l)
         many += std::string(l ? "," : "") + "{" + to + "," + red + "," + wide + "}";

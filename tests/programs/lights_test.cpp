@@ -38,7 +38,8 @@ struct LitScene : TinyScene {
                      const fs::path& lights) const {
         const fs::path file = out.string() + kind;
         fs::remove_all(file);
-        words.insert(words.end(), {"--run", run.string(), "--out", file.string(), "--threads", "1"});
+        words.insert(words.end(),
+                     {"--run", run.string(), "--out", file.string(), "--threads", "1"});
         if (!lights.empty()) words.insert(words.end(), {"--lights", lights.string()});
         const Answer a = answer(words);
         if (a.code != 0) {
@@ -50,8 +51,7 @@ struct LitScene : TinyScene {
     std::string drawn(const fs::path& lights) const { return made({"redirect"}, ".png", lights); }
 };
 
-const std::string other =
-    R"([{"to": [0.2, 0.1, 1], "intensity": [0.9, 0.1, 0.1], "width": 1.5}])";
+const std::string other = R"([{"to": [0.2, 0.1, 1], "intensity": [0.9, 0.1, 0.1], "width": 1.5}])";
 
 } // namespace
 

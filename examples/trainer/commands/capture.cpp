@@ -98,8 +98,8 @@ void run(const CaptureCommand& o) {
             return dot ? std::optional(dot->right_up) : std::nullopt;
         };
     }
-    const CaptureScene scene = o.video.empty() ? capture_scene(model, settings)
-                                               : video_scene(model, settings, film);
+    const CaptureScene scene =
+        o.video.empty() ? capture_scene(model, settings) : video_scene(model, settings, film);
     // Written under another name, so that an interrupted capture cannot pass for a complete one.
     const fs::path unfinished = beside(o.out, ".tmp");
     fs::remove_all(unfinished);

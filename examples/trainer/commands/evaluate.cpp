@@ -262,6 +262,7 @@ void evaluate(const EvaluateOptions& o) {
     if (o.split == "novel") frames = capture.novel_gaze;
     if (o.split == "independent") frames = capture.independent_gaze;
     require(!frames.empty(), capture.folder.string(), "split '", o.split, "' has no frames");
+    const Json lights = o.lights.empty() ? Json() : lights_of(state.avatar).json().at("lights");
     const Json alignment = o.align_head ? align_head(o, capture, frames) : Json();
     const std::filesystem::path out = o.out.empty() ? o.run : o.out;
     const std::filesystem::path pictures = out / ("evaluate_" + o.split);
@@ -292,7 +293,7 @@ void evaluate(const EvaluateOptions& o) {
                     {"frame_exposures", exposures_json(capture)},
                     {"corrected_cameras", corrected_json(capture)},
                     {"head_alignment", alignment},
-                    {"lights", o.lights.empty() ? Json() : lights_of(state.avatar).json().at("lights")},
+                    {"lights", lights},
                     {"all", all.json()}};
     for (const auto& [name, r] : groups) results[name] = r.json();
     const CentreErrors centres = centre_errors(state, capture, frames);

@@ -201,7 +201,8 @@ void export_splats(const ExportOptions& o) {
     if (extension_of(o.out) == ".avatar")
         return export_avatar({o.run, o.capture, o.out, o.frame, o.avatar.camera,
                               o.avatar.full_precision, o.avatar.lights});
-    require(o.avatar.lights.empty(), "rye export", "--lights: a splat file has no highlights, "
+    require(o.avatar.lights.empty(), "rye export",
+            "--lights: a splat file has no highlights, "
             "expected an .avatar");
     const SplatFileOptions options = file_options(o);
     const TrainState state = load_trained(o.run);

@@ -152,8 +152,10 @@ void describe_run(const std::filesystem::path& run, bool json) {
         return;
     }
     std::cout << line("run", run.string());
-    if (lights.lights.empty()) std::cout << line("lights", "none: no highlights are drawn");
-    else for (const std::string& words : lights.lines()) std::cout << line("lights", words);
+    if (lights.lights.empty())
+        std::cout << line("lights", "none: no highlights are drawn");
+    else
+        for (const std::string& words : lights.lines()) std::cout << line("lights", words);
 }
 
 /// Returns the lights that a capture's eyes show; none of one that cannot be trained on.

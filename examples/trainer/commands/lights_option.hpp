@@ -14,8 +14,8 @@ namespace rye::trainer {
 /// Adds --lights, a JSON file.
 void add_lights(CLI::App& command, std::filesystem::path& lights);
 
-/// Gives the run's avatar the lights of --lights; does nothing if it is empty. Throws an Error for a
-/// file that cannot be used, and for an avatar without highlights.
+/// Gives the run's avatar the lights of --lights; does nothing if it is empty. Throws an Error for
+/// a file that cannot be used, and for an avatar without highlights.
 void relight(TrainState& state, const std::filesystem::path& run,
              const std::filesystem::path& lights);
 

@@ -39,8 +39,8 @@ constexpr double narrow = 2 * degree, wide = 35 * degree;
 constexpr double least_height = 0.03, deviations = 2.5;
 /// Distance of lights, in radii of the eyeball: far.
 constexpr double distance_in_radii = 1000;
-/// Distance of a file's lights that have a direction alone [world units], and bounds of its numbers:
-/// of lengths, of intensities, of widths [rad].
+/// Distance of a file's lights that have a direction alone [world units], and bounds of its
+/// numbers: of lengths, of intensities, of widths [rad].
 constexpr double far_away = 1e6, most_length = 1e9, most_intensity = 1000;
 constexpr double least_width = 1e-3, most_width = 3.2;
 
@@ -369,9 +369,10 @@ FoundLights read_lights(const std::filesystem::path& path) {
     const nlohmann::json* list = &file;
     while (list->is_object() && list->contains("lights")) list = &list->at("lights");
     const std::string name = path.string() + ": lights";
-    require(list->is_array() && list->size() <= std::size_t(most_lights), name, "got ",
-            [&] { return json_excerpt(*list); }, ", expected a list of at most ", most_lights,
-            " lights, as `rye info --json` prints it");
+    require(
+        list->is_array() && list->size() <= std::size_t(most_lights), name, "got ",
+        [&] { return json_excerpt(*list); }, ", expected a list of at most ", most_lights,
+        " lights, as `rye info --json` prints it");
     FoundLights all;
     all.distance = far_away;
     for (const nlohmann::json& light : *list) {
@@ -379,12 +380,14 @@ FoundLights read_lights(const std::filesystem::path& path) {
         const auto vector = [&](const char* key, double most) {
             const nlohmann::json& of = json_list(light, key, who, "a list of three numbers");
             Vec3<double> v;
-            require(of.size() == 3, who + ": " + key, "got ", [&] { return json_excerpt(of); },
-                    ", expected three numbers");
+            require(
+                of.size() == 3, who + ": " + key, "got ", [&] { return json_excerpt(of); },
+                ", expected three numbers");
             for (std::size_t k = 0; k < 3; ++k) {
                 v[static_cast<Index>(k)] = json_number(of[k], who + ": " + key);
-                require(std::abs(v[static_cast<Index>(k)]) <= most, who + ": " + key, "got ",
-                        [&] { return json_excerpt(of); }, ", expected numbers of at most ", most);
+                require(
+                    std::abs(v[static_cast<Index>(k)]) <= most, who + ": " + key, "got ",
+                    [&] { return json_excerpt(of); }, ", expected numbers of at most ", most);
             }
             return v;
         };
