@@ -176,6 +176,7 @@ Json GazeTable::json() const {
 
 void ViewResult::add(const ViewResult& v) {
     head.add(v.head), face.add(v.face), eyes.add(v.eyes), eye_skin.add(v.eye_skin);
+    eyeballs.add(v.eyeballs);
     lpips.add(v.lpips);
     eyes_in_view += v.eyes_in_view, eyes_visible += v.eyes_visible;
     measured.add(v.measured), own.add(v.own);
@@ -186,6 +187,7 @@ Json ViewResult::json() const {
             {"face", face.json()},
             {"eyes", eyes.json()},
             {"eyes_painted_white", eye_skin.json()},
+            {"eyeballs", eyeballs.json()},
             {"lpips", lpips.json()},
             {"eyes_in_view", eyes_in_view},
             {"eyes_visible", eyes_visible},
@@ -288,6 +290,7 @@ Evaluation::Measured Evaluation::measured(const MeasuredView& v, Renders shown) 
     r.eyes_box = box_of(areas.eyes, truth.width);
     r.eye_skin =
         quality(white_outside(image, areas.skin), white_outside(truth, areas.skin), areas.eyes);
+    r.eyeballs = quality(image, truth, (1 - areas.skin.array()).matrix());
     if (lpips_) {
         m.head = white_outside(image, areas.head);
         m.head_truth = white_outside(truth, areas.head);

@@ -76,6 +76,7 @@ struct ViewResult {
     /// Quality over the rectangles of `eyes`, with the capture's eyeballs painted white in both
     /// pictures: the quality of the skin around the eyes.
     Quality eye_skin;
+    Quality eyeballs;      ///< over the visible eyeballs of the capture
     Mean lpips;            ///< over the picture, white outside the head; empty without weights
     /// Rectangle around `eyes` of one view: x, y, width, height [px]; width 0 without visible eyes.
     std::array<int, 4> eyes_box{};
