@@ -8,11 +8,12 @@
 namespace rye::trainer {
 
 void add_lights(CLI::App& command, std::filesystem::path& lights) {
-    command.add_option("--lights", lights,
-                       "JSON file of lights whose highlights the eyes show instead of their own: "
-                       "what `rye info --json` prints of another capture or run, or a list of "
-                       "{\"to\": [X, Y, Z], \"intensity\": [R, G, B], \"width\": RADIANS}, \"to\" a direction "
-                       "of the world, or \"position\" a point of it");
+    command.add_option(
+        "--lights", lights,
+        "JSON file of lights whose highlights the eyes show instead of their own: "
+        "what `rye info --json` prints of another capture or run, or a list of "
+        "{\"to\": [X, Y, Z], \"intensity\": [R, G, B], \"width\": RADIANS}, \"to\" a direction "
+        "of the world, or \"position\" a point of it");
 }
 
 void relight(TrainState& state, const std::filesystem::path& run,
