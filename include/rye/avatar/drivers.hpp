@@ -26,6 +26,18 @@ using ReadsCamera = detail::ReaderOf<Reads::camera>;
 
 namespace detail {
 
+/// 1 for each eye of an EachEye; an empty slot if V is absent.
+template <class V>
+V ones() {
+    V r{};
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (requires { r.left; } ? eye == 0 : requires { r.right; } ? eye == 1
+                                                                              : !is_absent<V>)
+            of_eye<eye>(r) = std::remove_reference_t<decltype(of_eye<eye>(r))>(1);
+    });
+    return r;
+}
+
 /// A point that nobody has set, where V is one.
 template <class V>
 V unset_point() {
@@ -50,6 +62,9 @@ struct Drivers {
     /// Tracked gazes, left and right, head frame: visual axes for an avatar with a kappa, else
     /// optical ones.
     [[no_unique_address]] detail::GazeSlot<E, Vec3<T>> gaze;
+    /// Radii of the pupils over those at rest, left and right: least_pupil to most_pupil.
+    [[no_unique_address]] detail::PupilSlot<E, T> pupil =
+        detail::ones<detail::PupilSlot<E, T>>();
     /// The camera's centre, world.
     [[no_unique_address]] detail::Slot<E, ReadsCamera, Vec3<T>> camera =
         detail::unset_point<detail::Slot<E, ReadsCamera, Vec3<T>>>();
@@ -65,6 +80,7 @@ struct Drivers {
         for_eyes([&]<std::size_t eye>() {
             if constexpr (eye_turns<E, eye>)
                 of_eye<eye>(r.gaze) = of_eye<eye>(gaze).template cast<U>();
+            if constexpr (pupil_moves<E, eye>) of_eye<eye>(r.pupil) = U(of_eye<eye>(pupil));
         });
         return r;
     }

@@ -6,8 +6,7 @@
 /// Frame: points relative to the eyeball's centre in canonical units, iris toward +z.
 #pragma once
 
-#include <rye/avatar/eye_parameters.hpp>
-#include <rye/backend/each.hpp>
+#include <rye/avatar/eye_pupils.hpp>
 #include <rye/gaussian/attributes.hpp>
 #include <rye/gaussian/gaussian_arrays.hpp>
 #include <rye/rig/eye_transform.hpp>
@@ -116,11 +115,16 @@ struct SizeEyePoint {
     EyeArrays<const T> raw;
     GaussianArrays<T> to;
     const HeadTransform<T>* head;
+    [[no_unique_address]] Slot<E, Pupil, StretchedIris<T>> iris = {};
 
     RYE_HD void operator()(Index i) const {
         for (Index k = 0; k < 3; ++k) {
             const T scale = drawn_scale(raw.log_scale[3 * i + k]);
             to.scale.data[3 * i + k] = has_effect<E, HeadPose> ? T(scale * head->scale) : scale;
+        }
+        if constexpr (has_effect<E, Pupil>) {
+            const T by = iris(i);
+            for (Index k = 0; k < 2; ++k) to.scale.data[3 * i + k] *= by;
         }
         to.opacity.data[i] = drawn_opacity(raw.opacity_logit[i]);
     }
@@ -131,7 +135,7 @@ template <class T>
 struct PlaceEyePoint {
     static constexpr const char* name = "eyes, places";
     EyeArrays<const T> raw;
-    const T* position; ///< in the eyeball's frame, 3 x P
+    const T* position; ///< in the eyeball's frame, as its pupil moves them, 3 x P
     GaussianArrays<T> to;
     const EyeTransform<T>* eye;
 
@@ -148,10 +152,11 @@ struct DriveEyePoint {
     static constexpr const char* name = "eyes";
     PlaceEyePoint<T> place;
     const HeadTransform<T>* head;
+    [[no_unique_address]] Slot<E, Pupil, StretchedIris<T>> iris = {};
 
     RYE_HD void operator()(Index i) const {
         place(i);
-        SizeEyePoint<T, E>{place.raw, place.to, head}(i);
+        SizeEyePoint<T, E>{place.raw, place.to, head, iris}(i);
     }
 };
 

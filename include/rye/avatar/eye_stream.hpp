@@ -20,6 +20,7 @@ struct EyeTrace {
     [[no_unique_address]] detail::Slot<E, EyeOffset, EyeOffsetTrace<T>> offset;
     [[no_unique_address]] detail::GazeSlot<E, Quat<T>> turn; ///< rest (+z) to gaze, no torsion
     [[no_unique_address]] detail::Slot<E, SeesCornea, detail::OpticsTrace<T, E>> optics;
+    [[no_unique_address]] detail::Slot<E, Pupil, detail::FramePupils<T>> pupils;
 };
 
 namespace detail {
@@ -48,6 +49,9 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
     if constexpr (has_effect<E, EyeOffset>)
         centre += eye_offset<T>(backend, eyes.offset, frame.config, frame.code, trace.offset);
     eye_features(backend, eyes, frame, {true, true}, begin, g);
+    if constexpr (has_effect<E, Pupil>)
+        detail::set_pupils(backend, eyes, frame.optical.drivers, trace.pupils);
+    const T* const moved = detail::moved_points(eyes, trace.pupils).data();
     for_eyes([&]<std::size_t eye>() {
         constexpr Index e = static_cast<Index>(eye);
         const EyeTransform<T> placed =
@@ -59,7 +63,7 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
              ...);
         }
         const Index first = eyes.first_point(e), n = eyes.points_of(e);
-        const T* points = eyes.position.data() + 3 * first;
+        const T* points = moved + 3 * first;
         if constexpr (has_effect<E, SeesCornea>)
             points = detail::look_into_eye(backend, eyes.optics,
                                            {eye, frame.optical.drivers.camera, placed, points, n},
@@ -69,7 +73,8 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
                  detail::DriveEyePoint<T, E>{
                      {arrays_of(eyes).from(first), points,
                       detail::columns_from(arrays_of(g), {begin + first, n}), &placed},
-                     detail::head_address<T>(head...)});
+                     detail::head_address<T>(head...),
+                     detail::stretched_iris(eyes, eye, trace.pupils)});
     });
 }
 
@@ -155,7 +160,7 @@ detail::SumsOfEyes<T, E> eye_points_vjp(
         constexpr Index e = static_cast<Index>(eye);
         const Index first = eyes.first_point(e), n = eyes.points_of(e);
         const detail::ColumnRange columns{driven.begin + first, n};
-        const T* points = eyes.position.data() + 3 * first;
+        const T* points = detail::moved_points(eyes, driven.trace.pupils).data() + 3 * first;
         if constexpr (has_effect<E, CornealRefraction>)
             points = driven.trace.optics.seen[eye].data();
         const Quat<T>* turn = nullptr;

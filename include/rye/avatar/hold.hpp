@@ -25,6 +25,8 @@ Drivers<T, Fewer> restricted(const Drivers<T, E>& all) {
     for_eyes([&]<std::size_t eye>() {
         if constexpr (eye_turns<E, eye> && eye_turns<Fewer, eye>)
             of_eye<eye>(d.gaze) = of_eye<eye>(all.gaze);
+        if constexpr (pupil_moves<E, eye> && pupil_moves<Fewer, eye>)
+            of_eye<eye>(d.pupil) = of_eye<eye>(all.pupil);
     });
     return d;
 }
@@ -73,11 +75,13 @@ Mlp<T> with_held_inputs(const Mlp<T>& all, const HeldInputs<T>& held) {
 /// Adds the highlights of a frame to the features of both eyes.
 template <class T, EffectSet E, Backend B>
 void keep_highlights(const B& backend, const EyeStream<T, E>& eyes, const Vec3<T>& camera,
-                     const OpticsTrace<T, E>& trace, Columns<T>& feature) {
+                     const EyeTrace<T, E>& of, Columns<T>& feature) {
+    const OpticsTrace<T, E>& trace = of.optics;
+    const Columns<T>& position = moved_points(eyes, of.pupils);
     for (std::size_t eye = 0; eye < 2; ++eye) {
         const Index e = static_cast<Index>(eye), first = eyes.first_point(e);
         if (trace.lights[eye].empty()) continue;
-        const T* const points = eyes.position.data() + 3 * first;
+        const T* const points = position.data() + 3 * first;
         const T* seen = points;
         if constexpr (has_effect<E, CornealRefraction>) seen = trace.seen[eye].data();
         add_highlights(backend, eyes.optics,
@@ -85,6 +89,25 @@ void keep_highlights(const B& backend, const EyeStream<T, E>& eyes, const Vec3<T
                        trace.lights[eye], seen, feature.rows(),
                        feature.data() + feature.rows() * first);
     }
+}
+
+/// Keeps the pupils of a frame that do not move any more in the eyes' points and sizes.
+template <EffectSet Fewer, class T, EffectSet E>
+void keep_pupils(const EyeStream<T, E>& from, const FramePupils<T>& pupils,
+                 EyeStream<T, Fewer>& to) {
+    static_assert(!has_effect<Fewer, Pupil> || !has_effect<E, CornealRefraction> ||
+                      has_effect<Fewer, CornealRefraction>,
+                  "held: a pupil moves points before they are refracted");
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (pupil_moves<E, eye> && !pupil_moves<Fewer, eye>) {
+            const Index e = static_cast<Index>(eye), first = from.first_point(e);
+            const StretchedIris<T> iris = stretched_iris(from, eye, pupils);
+            for (Index i = 0; i < from.points_of(e); ++i) {
+                to.position.col(first + i) = moved_points(from, pupils).col(first + i);
+                to.log_scale.col(first + i).template head<2>().array() += std::log(iris(i));
+            }
+        }
+    });
 }
 
 } // namespace detail
@@ -187,13 +210,14 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
                         });
             }
         });
+    if constexpr (has_effect<E, Pupil>)
+        detail::keep_pupils<Fewer>(all.eyes, trace.eyes.pupils, a.eyes);
     if constexpr (has_effect<E, CornealRefraction> && !has_effect<Fewer, CornealRefraction>)
         a.eyes.position << trace.eyes.optics.seen[0], trace.eyes.optics.seen[1];
     if constexpr (EyeAppearanceOf<E>::reads_inputs && !EyeAppearanceOf<Fewer>::reads_inputs)
         a.eyes.feature = trace.gaussians.feature.rightCols(a.eyes.position.cols());
     else if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>)
-        detail::keep_highlights(backend, all.eyes, drivers.camera, trace.eyes.optics,
-                                a.eyes.feature);
+        detail::keep_highlights(backend, all.eyes, drivers.camera, trace.eyes, a.eyes.feature);
     if constexpr (std::same_as<EyeAppearanceOf<E>, DrivenFeatures> &&
                   std::same_as<EyeAppearanceOf<Fewer>, DrivenFeatures>) {
         static_assert(eye_turns<E, 0> == eye_turns<Fewer, 0> &&

@@ -46,6 +46,8 @@ void make_neutral(TwoStream<T, E>& avatar, Drivers<T, E>& drivers) {
         using Gaze = std::conditional_t<eye == 0, LeftGaze, RightGaze>;
         if constexpr (std::same_as<X, Gaze>)
             of_eye<eye>(drivers.gaze) = Vec3<T>(T(0), T(0), T(1));
+        if constexpr (std::same_as<X, Pupil> && pupil_moves<E, eye>)
+            of_eye<eye>(drivers.pupil) = T(1);
         if constexpr (std::same_as<X, Gaze> || std::same_as<X, Periocular>)
             detail::silence_skin<eye>(avatar);
     });

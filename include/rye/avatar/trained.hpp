@@ -5,6 +5,7 @@
 ///     eyes.optics       without lights: no highlights
 ///     shading           default-constructed: colours do not depend on the head's rotation
 ///     eyes.networks     default-constructed: the eyes' features are their constants
+/// Pupil has none: it follows its driver, and changes nothing at rest.
 /// With all of them empty it is TwoStream<T>, of the paper's effects.
 /// restricted<TrainedEffects> (avatar/hold.hpp) makes one of an avatar with fewer effects.
 #pragma once
@@ -15,7 +16,7 @@
 namespace rye {
 
 /// The paper's effects, and all that an avatar may be trained with beside them.
-using TrainedEffects = More<PaperEffects, Kappa, Glint, HeadShading, EyesBy<DrivenFeatures>>;
+using TrainedEffects = More<PaperEffects, Kappa, Glint, Pupil, HeadShading, EyesBy<DrivenFeatures>>;
 /// Trained parameters of an avatar with any of these.
 template <class T>
 using TrainedAvatar = TwoStream<T, TrainedEffects>;

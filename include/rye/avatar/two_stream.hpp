@@ -192,7 +192,8 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
         if constexpr (has_effect<E, SeesCornea>)
             detail::eye_optics_vjp(
                 backend, avatar.eyes.optics,
-                {drivers.camera, avatar.eyes.position, avatar.eyes.points_of(0), trace.eyes.optics},
+                {drivers.camera, detail::moved_points(avatar.eyes, trace.eyes.pupils),
+                 avatar.eyes.points_of(0), trace.eyes.optics},
                 {g, n}, {grad.eyes.optics, g_frame.optics}, head...);
     };
     const auto driven = [&]() -> detail::DrivenFace<T, E> {

@@ -13,6 +13,7 @@
 ///                         both eyes' features
 ///     scale               none                                all
 ///     the camera's place  none                                eyes with highlights: their colours
+///     a pupil             none                                that eyeball
 ///
 /// Features that an avatar lacks (driven features of the eyes, light by the head's rotation,
 /// highlights, any effect that its list does not name) are not computed.
@@ -88,6 +89,7 @@ class DriveCache {
     /// Returns the size of all cached data [bytes].
     std::size_t bytes() const {
         Index numbers = attributes_.size() + gain_.size() + highlights_.size(), indices = 0;
+        if constexpr (has_effect<E, Pupil>) numbers += pupils_.points.size();
         const auto add = [&](const std::string&, const Columns<T>& a) { numbers += a.size(); };
         Gaussians<T>::fields(add, face_);
         Gaussians<T>::fields(add, world_);
@@ -119,8 +121,10 @@ class DriveCache {
         bool first = false; ///< true until the first evaluation
         std::array<bool, face_drivers> driver{};
         bool scale = false, light = false, view = false;
+        std::array<bool, 2> pupil{};
         bool any() const {
-            return first || scale || view || driver[0] || driver[1] || driver[2] || driver[3];
+            return first || scale || view || driver[0] || driver[1] || driver[2] || driver[3] ||
+                   pupil[0] || pupil[1];
         }
         bool moves_all() const { return first || driver[1] || scale; }
         bool attributes() const { return driver[0] || driver[1]; }
@@ -141,6 +145,8 @@ class DriveCache {
             if constexpr (eye_turns<E, eye>)
                 c.driver[2 + eye] =
                     !same_bits(of_eye<eye>(d.gaze), of_eye<eye>(last_->gaze));
+            if constexpr (pupil_moves<E, eye>)
+                c.pupil[eye] = !same_bits(of_eye<eye>(d.pupil), of_eye<eye>(last_->pupil));
         });
         if constexpr (has_effect<E, HeadPose>) c.scale = !same_bits(d.scale, last_->scale);
         if constexpr (has_effect<E, Glint>)
@@ -282,7 +288,13 @@ class DriveCache {
 
     void place_eyes(const Changes& c, const OpticalDrivers<T, E>& drivers) {
         const EyeStream<T, E>& eyes = avatar_->eyes;
-        std::array<bool, 2> moved{c.driver[2] || c.moves_all(), c.driver[3] || c.moves_all()};
+        std::array<bool, 2> moved{};
+        for (std::size_t eye = 0; eye < 2; ++eye)
+            moved[eye] = c.driver[2 + eye] || c.pupil[eye] || c.moves_all();
+        if constexpr (has_effect<E, Pupil>)
+            if (c.first || c.pupil[0] || c.pupil[1])
+                detail::set_pupils(backend_, eyes, drivers.drivers, pupils_);
+        const T* const points = detail::moved_points(eyes, pupils_).data();
         Columns<T> centre = eyes.centre;
         if constexpr (has_effect<E, EyeOffset>) {
             if (c.driver[0] || c.driver[1]) {
@@ -296,26 +308,26 @@ class DriveCache {
         }
         if (!same_bits(centre, centre_)) moved = {true, true};
         centre_ = centre;
-        const Index points = eyes.position.cols();
         const detail::GaussianArrays<T> to =
-            detail::columns_from(arrays_of(world_), {rest_->count, points});
-        if (c.first || c.scale)
-            with_head([&](const auto&... head) {
-                for_each(backend_, points,
-                         detail::SizeEyePoint<T, E>{arrays_of(eyes), to,
-                                                    detail::head_address<T>(head...)});
-            });
+            detail::columns_from(arrays_of(world_), {rest_->count, eyes.position.cols()});
         for_eyes([&]<std::size_t eye>() {
             constexpr Index e = static_cast<Index>(eye);
             const Index first = eyes.first_point(e), n = eyes.points_of(e);
+            const detail::GaussianArrays<T> own = detail::columns_from(to, {first, n});
+            if (c.first || c.scale || c.pupil[eye])
+                with_head([&](const auto&... head) {
+                    for_each(backend_, n,
+                             detail::SizeEyePoint<T, E>{
+                                 arrays_of(eyes).from(first), own, detail::head_address<T>(head...),
+                                 detail::stretched_iris(eyes, eye, pupils_)});
+                });
             if (!moved[eye]) return;
             placed_[eye] = with_head([&](const auto&... head) {
                 return detail::placed_eye<eye>(eyes, Vec3<T>(centre_.col(e)), drivers, head...);
             });
             for_each(backend_, n,
-                     detail::PlaceEyePoint<T>{arrays_of(eyes).from(first),
-                                              eyes.position.data() + 3 * first,
-                                              detail::columns_from(to, {first, n}), &placed_[eye]});
+                     detail::PlaceEyePoint<T>{arrays_of(eyes).from(first), points + 3 * first, own,
+                                              &placed_[eye]});
             ++work_.eyes;
         });
         const std::array<bool, 2> coloured = write_eye_features(c, drivers, moved);
@@ -354,7 +366,7 @@ class DriveCache {
             if constexpr (has_effect<E, Glint>)
                 highlights_.add(backend_, eyes,
                                 {e, drivers.drivers.camera, placed_[e],
-                                 eyes.position.data() + 3 * first, n},
+                                 detail::moved_points(eyes, pupils_).data() + 3 * first, n},
                                 written[e], world_.feature, rest_->count);
             if (has_light())
                 for (Index i = begin; i < begin + n; ++i)
@@ -389,6 +401,7 @@ class DriveCache {
     Columns<T> gain_;           ///< of the light, 3 x (N + 2)
     Columns<T> centre_;         ///< of the eyes in the head frame, 3 x 2
     std::array<EyeTransform<T>, 2> placed_;
+    [[no_unique_address]] detail::Slot<E, Pupil, detail::FramePupils<T>> pupils_;
     Highlights highlights_;
     Gaussians<T> face_;         ///< head frame
     Gaussians<T> world_, part_;

@@ -71,6 +71,10 @@ template <EffectSet S, class V, int number = 0>
 using KappaSlot = EachEye<skin_follows<S, 0> && has_effect<S, Kappa>,
                           skin_follows<S, 1> && has_effect<S, Kappa>, Kappa, V, number>;
 
+/// V for each eye whose pupil is driven.
+template <EffectSet S, class V, int number = 0>
+using PupilSlot = EachEye<pupil_moves<S, 0>, pupil_moves<S, 1>, Pupil, V, number>;
+
 /// Returns V(x), or an empty slot if V is absent.
 template <class V>
 constexpr V initial_slot([[maybe_unused]] double x) {

@@ -16,7 +16,9 @@
 namespace rye {
 
 /// Inputs of a frame that an effect depends on.
-enum class Reads : unsigned { nothing = 0, expression = 1, head_pose = 2, gaze = 4, camera = 8 };
+enum class Reads : unsigned {
+    nothing = 0, expression = 1, head_pose = 2, gaze = 4, camera = 8, pupil = 16
+};
 /// Attributes of a Gaussian or of the image that an effect changes.
 enum class Touches : unsigned {
     nothing = 0, position = 1, rotation = 2, scale = 4, opacity = 8, colour = 16, pixel = 32
@@ -162,6 +164,16 @@ struct Glint {
     static constexpr EffectBound droppable{1e-3, "a light's intensity"};
 };
 
+/// Radial stretch of the iris of each eye that turns, driven by its pupil's size (rig/pupil.hpp). Not
+/// in the paper.
+struct Pupil {
+    static constexpr std::string_view name = "pupil";
+    static constexpr Reads reads = Reads::pupil;
+    static constexpr Touches touches = Touches::position | Touches::scale;
+    static constexpr std::string_view neutral = "ratio 1";
+    static constexpr EffectBound droppable{least_move / 0.02, "a pupil's radius over that at rest"};
+};
+
 /// Change of colours with the head's rotation under fixed lights (avatar/head_shading.hpp). Not in
 /// the paper.
 struct HeadShading {
@@ -175,7 +187,7 @@ struct HeadShading {
 static_assert(Effect<Expression> && Effect<HeadPose> && Effect<PoseResidual> && Effect<LeftGaze> &&
               Effect<RightGaze> && Effect<EyeOffset> && Effect<Kappa> && Effect<Periocular> &&
               Effect<CornealBulge> && Effect<CornealRefraction> && Effect<Glint> &&
-              Effect<HeadShading> && !Effect<EffectBound>);
+              Effect<Pupil> && Effect<HeadShading> && !Effect<EffectBound>);
 
 /// Any of several effects, for members that several of them need.
 template <Effect... X>
@@ -221,9 +233,14 @@ concept PeriocularHasAGaze = detail::has_its_gaze<Periocular, E...>;
 template <class... E>
 concept KappaHasAGaze = detail::has_its_gaze<Kappa, E...>;
 
+/// Pupil requires LeftGaze or RightGaze.
+template <class... E>
+concept PupilHasAGaze = detail::has_its_gaze<Pupil, E...>;
+
 /// The list of an avatar's effects.
 template <Effect... E>
-    requires EachNamedOnce<E...> && PeriocularHasAGaze<E...> && KappaHasAGaze<E...>
+    requires EachNamedOnce<E...> && PeriocularHasAGaze<E...> && KappaHasAGaze<E...> &&
+             PupilHasAGaze<E...>
 struct Effects {
     /// True if the list has an effect, an effect of AnyOf, or one of ReaderOf.
     template <class X>
@@ -258,6 +275,10 @@ inline constexpr bool has_effect = S::template has<X>;
 /// True if an eye (0: the subject's left) rotates.
 template <EffectSet S, std::size_t eye>
 inline constexpr bool eye_turns = has_effect<S, std::conditional_t<eye == 0, LeftGaze, RightGaze>>;
+
+/// True if an eye (0: the subject's left) has a pupil that is driven.
+template <EffectSet S, std::size_t eye>
+inline constexpr bool pupil_moves = eye_turns<S, eye> && has_effect<S, Pupil>;
 
 namespace detail {
 
