@@ -51,9 +51,12 @@ struct Puppet {
     TwoStream<T, E> avatar;
     Drivers<T> drivers = tiny_drivers<T>();
     Pinhole<double> camera = tiny_camera(8, 8);
+    std::array<T, 2> pupil{T(1), T(1)};
 
     explicit Puppet(const TwoStream<double, E>& a) : avatar(lifted<T>(a)) {}
-    Drivers<T, E> own() const { return seen_from(restricted<E>(drivers), camera); }
+    Drivers<T, E> own() const {
+        return with_pupils(seen_from(restricted<E>(drivers), camera), pupil);
+    }
 };
 
 /// A puppet with the parts of E, none of them neutral.
@@ -108,6 +111,8 @@ void change(Puppet<T, E>& p, int step) {
     if (all || chance(0.1)) d.scale = T(1) + T(0.2) * any();
     if (all || chance(0.2))
         p.camera.camera_from_world.translation[0] += 0.3 * static_cast<double>(any());
+    for (T& pupil : p.pupil)
+        if (all || chance(0.3)) pupil = chance(0.3) ? T(1) : T(1.2) + any();
 }
 
 template <class B, class T, class E>
@@ -215,6 +220,20 @@ TEST_CASE("drive cache: of a trained avatar is done what its parts read of what 
     CHECK(w.networks == 0);
     CHECK(w.lit == 0);
     CHECK(static_cast<Index>(cache.changed().size()) == face + eyes);
+
+    for (const float ratio : {1.4F, 1.0F}) { // one pupil: its eyeball alone
+        p.pupil[1] = ratio;
+        w = update();
+        CHECK(w.networks == 0);
+        CHECK(w.summed == 0);
+        CHECK(w.eyes == 1);
+        CHECK(static_cast<Index>(cache.changed().size()) == eyes - left);
+        CHECK(cache.changed().front() == face + left);
+    }
+    p.pupil[1] = 3;
+    CHECK_THROWS_AS(update(), Error);
+    p.pupil[1] = 1;
+    CHECK(update().eyes == 2); // all anew after the fault
 }
 
 TEST_CASE("drive cache: what has no parameters takes no work") {

@@ -37,6 +37,26 @@ void set_tiny_lights(EyeOptics<T, E>& o) {
     o.light_width << T(0.5), T(0.8);
 }
 
+/// Gives the tiny eyes points as a template has them: of each the back pole, the middle of the
+/// iris, two on the limbus, and the others on the iris.
+template <class T, EffectSet E>
+void set_tiny_irises(EyeStream<T, E>& eyes) {
+    EyeballShape shape = EyeballShape{}.with_limbus(0.05);
+    shape.iris_plane = 0.1;
+    for (Index eye = 0; eye < 2; ++eye) {
+        const Index first = eyes.first_point(eye), n = eyes.points_of(eye);
+        for (Index k = 0; k < n; ++k) {
+            const double angle = 2.4 * double(k) + double(eye);
+            const double share = k < 2 ? 0 : k < 4 ? 1 : double(k - 3) / double(n - 3);
+            const double r = share * shape.limbus_radius,
+                         z = k == 0 ? -shape.sclera_radius
+                             : k < 4 ? (k == 1 ? 0.1 : shape.limbus_plane())
+                                     : shape.iris(r);
+            eyes.position.col(first + k) << T(r * std::cos(angle)), T(r * std::sin(angle)), T(z);
+        }
+    }
+}
+
 /// An avatar of the gaze mechanism, the eye appearance and the shading of E, none of them neutral.
 template <EffectSet E>
 TwoStream<double, E> avatar_with_parts(std::uint64_t seed = 7) {
@@ -56,6 +76,7 @@ TwoStream<double, E> avatar_with_parts(std::uint64_t seed = 7) {
         a.shading = {draw.columns(8, 3, 0.5), draw.columns(3, a.face.position.cols()),
                      draw.columns(3, 2)};
     if constexpr (has_effect<E, Glint>) set_tiny_lights(a.eyes.optics);
+    if constexpr (has_effect<E, Pupil>) set_tiny_irises(a.eyes);
     if constexpr (requires { a.eyes.turn; })
         a.eyes.turn.weight.back() = draw.columns(4, a.eyes.turn.weight.back().cols(), 0.2);
     return a;
@@ -74,10 +95,19 @@ inline TwoStream<double, OpticsEffects> avatar_of_optics(std::uint64_t seed = 7)
     return a;
 }
 
-/// The drivers of an avatar with the effects E that the tiny camera looks at.
+/// The drivers with these pupils, left and right, where there are any.
+template <class T, EffectSet E>
+Drivers<T, E> with_pupils(Drivers<T, E> d, [[maybe_unused]] const std::array<T, 2>& ratio) {
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (pupil_moves<E, eye>) of_eye<eye>(d.pupil) = ratio[eye];
+    });
+    return d;
+}
+/// The drivers of an avatar with the effects E that the tiny camera looks at, its pupils not at
+/// rest.
 template <EffectSet E, class T, EffectSet F>
 Drivers<T, E> seen_drivers(const Drivers<T, F>& drivers) {
-    return seen_from(restricted<E>(drivers), tiny_camera(8, 8));
+    return with_pupils(seen_from(restricted<E>(drivers), tiny_camera(8, 8)), {T(0.6), T(1.5)});
 }
 inline Drivers<double, OpticsEffects> drivers_of_optics() {
     return seen_drivers<OpticsEffects>(tiny_drivers<double>());

@@ -67,20 +67,20 @@ std::array<PupilMap<T>, 2> pupil_maps(const EyeStream<T, E>& eyes, const Drivers
     return maps;
 }
 
-/// Sets the pupils of a frame. Throws as pupil_map.
-template <class T, EffectSet E, Backend B>
-    requires has_effect<E, Pupil>
-void set_pupils(const B& backend, const EyeStream<T, E>& eyes, const Drivers<T, E>& drivers,
-                FramePupils<T>& pupils) {
-    pupils.map = pupil_maps(eyes, drivers);
-    const auto moves = [](const PupilMap<T>& map) { return map.iris.limbus > T(0); };
-    pupils.points.resize(3, moves(pupils.map[0]) || moves(pupils.map[1]) ? eyes.position.cols() : 0);
-    if (pupils.points.size() == 0) return;
-    for (std::size_t eye = 0; eye < 2; ++eye) {
-        const Index e = static_cast<Index>(eye), first = 3 * eyes.first_point(e);
-        for_each(backend, eyes.points_of(e),
-                 MoveEyePoint<T>{{eyes.position.data() + first, pupils.map[eye]},
-                                 pupils.points.data() + first});
+/// Sets the pupils of a frame, a FramePupils<T> of an avatar with the effect. Throws as pupil_map.
+template <class T, EffectSet E, Backend B, class Pupils>
+void set_pupils([[maybe_unused]] const B& backend, [[maybe_unused]] const EyeStream<T, E>& eyes,
+                [[maybe_unused]] const Drivers<T, E>& drivers, [[maybe_unused]] Pupils& pupils) {
+    if constexpr (has_effect<E, Pupil>) {
+        pupils.map = pupil_maps(eyes, drivers);
+        const bool moves = pupils.map[0].iris.limbus > T(0) || pupils.map[1].iris.limbus > T(0);
+        pupils.points.resize(3, moves ? eyes.position.cols() : 0);
+        for (std::size_t eye = 0; moves && eye < 2; ++eye) {
+            const Index e = static_cast<Index>(eye), first = 3 * eyes.first_point(e);
+            for_each(backend, eyes.points_of(e),
+                     MoveEyePoint<T>{{eyes.position.data() + first, pupils.map[eye]},
+                                     pupils.points.data() + first});
+        }
     }
 }
 

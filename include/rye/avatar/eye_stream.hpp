@@ -49,8 +49,7 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
     if constexpr (has_effect<E, EyeOffset>)
         centre += eye_offset<T>(backend, eyes.offset, frame.config, frame.code, trace.offset);
     eye_features(backend, eyes, frame, {true, true}, begin, g);
-    if constexpr (has_effect<E, Pupil>)
-        detail::set_pupils(backend, eyes, frame.optical.drivers, trace.pupils);
+    detail::set_pupils(backend, eyes, frame.optical.drivers, trace.pupils);
     const T* const moved = detail::moved_points(eyes, trace.pupils).data();
     for_eyes([&]<std::size_t eye>() {
         constexpr Index e = static_cast<Index>(eye);

@@ -91,8 +91,7 @@ class DriveCache {
         Index numbers = attributes_.size() + gain_.size() + highlights_.size(), indices = 0;
         if constexpr (has_effect<E, Pupil>) numbers += pupils_.points.size();
         const auto add = [&](const std::string&, const Columns<T>& a) { numbers += a.size(); };
-        Gaussians<T>::fields(add, face_);
-        Gaussians<T>::fields(add, world_);
+        for (const Gaussians<T>* g : {&face_, &world_}) Gaussians<T>::fields(add, *g);
         for (const Outputs& f : outputs_)
             numbers += f.color.size() + f.deform.size() + f.attributes.size();
         if (rest_) {
@@ -122,11 +121,9 @@ class DriveCache {
         std::array<bool, face_drivers> driver{};
         bool scale = false, light = false, view = false;
         std::array<bool, 2> pupil{};
-        bool any() const {
-            return first || scale || view || driver[0] || driver[1] || driver[2] || driver[3] ||
-                   pupil[0] || pupil[1];
-        }
+        bool any() const { return moves(0) || moves(1) || driver[0] || view; }
         bool moves_all() const { return first || driver[1] || scale; }
+        bool moves(std::size_t eye) const { return moves_all() || driver[2 + eye] || pupil[eye]; }
         bool attributes() const { return driver[0] || driver[1]; }
     };
 
@@ -249,9 +246,8 @@ class DriveCache {
         if constexpr (has_attributes)
             if (attributes)
                 for_points([&](Index i) {
-                    detail::activate_point(detail::raw_attributes(face), i,
-                                           {face_.scale, face_.rotation, face_.opacity},
-                                           attributes_);
+                    const detail::DrawnAttributes<T> to{face_.scale, face_.rotation, face_.opacity};
+                    detail::activate_point(detail::raw_attributes(face), i, to, attributes_);
                 });
         work_.summed = static_cast<Index>(r.points.size());
         if (c.moves_all())
@@ -288,20 +284,16 @@ class DriveCache {
 
     void place_eyes(const Changes& c, const OpticalDrivers<T, E>& drivers) {
         const EyeStream<T, E>& eyes = avatar_->eyes;
-        std::array<bool, 2> moved{};
-        for (std::size_t eye = 0; eye < 2; ++eye)
-            moved[eye] = c.driver[2 + eye] || c.pupil[eye] || c.moves_all();
-        if constexpr (has_effect<E, Pupil>)
-            if (c.first || c.pupil[0] || c.pupil[1])
-                detail::set_pupils(backend_, eyes, drivers.drivers, pupils_);
+        std::array<bool, 2> moved{c.moves(0), c.moves(1)};
+        if (c.first || c.pupil[0] || c.pupil[1])
+            detail::set_pupils(backend_, eyes, drivers.drivers, pupils_);
         const T* const points = detail::moved_points(eyes, pupils_).data();
         Columns<T> centre = eyes.centre;
         if constexpr (has_effect<E, EyeOffset>) {
             if (c.driver[0] || c.driver[1]) {
                 EyeOffsetTrace<T> trace;
                 centre += eye_offset<T>(backend_, eyes.offset, *config_, code_, trace);
-                ++work_.networks;
-                ++work_.points;
+                ++work_.networks, ++work_.points;
             } else {
                 centre = centre_;
             }
@@ -313,28 +305,26 @@ class DriveCache {
         for_eyes([&]<std::size_t eye>() {
             constexpr Index e = static_cast<Index>(eye);
             const Index first = eyes.first_point(e), n = eyes.points_of(e);
+            const detail::EyeArrays<const T> raw = arrays_of(eyes).from(first);
             const detail::GaussianArrays<T> own = detail::columns_from(to, {first, n});
-            if (c.first || c.scale || c.pupil[eye])
-                with_head([&](const auto&... head) {
-                    for_each(backend_, n,
-                             detail::SizeEyePoint<T, E>{
-                                 arrays_of(eyes).from(first), own, detail::head_address<T>(head...),
-                                 detail::stretched_iris(eyes, eye, pupils_)});
-                });
             if (!moved[eye]) return;
-            placed_[eye] = with_head([&](const auto&... head) {
-                return detail::placed_eye<eye>(eyes, Vec3<T>(centre_.col(e)), drivers, head...);
+            with_head([&](const auto&... head) {
+                if (c.first || c.scale || c.pupil[eye])
+                    for_each(backend_, n, detail::SizeEyePoint<T, E>{
+                                              raw, own, detail::head_address<T>(head...),
+                                              detail::stretched_iris(eyes, eye, pupils_)});
+                placed_[eye] =
+                    detail::placed_eye<eye>(eyes, Vec3<T>(centre_.col(e)), drivers, head...);
             });
             for_each(backend_, n,
-                     detail::PlaceEyePoint<T>{arrays_of(eyes).from(first), points + 3 * first, own,
-                                              &placed_[eye]});
+                     detail::PlaceEyePoint<T>{raw, points + 3 * first, own, &placed_[eye]});
             ++work_.eyes;
         });
         const std::array<bool, 2> coloured = write_eye_features(c, drivers, moved);
         for (std::size_t eye = 0; eye < 2; ++eye) {
             const Index e = static_cast<Index>(eye), first = rest_->count + eyes.first_point(e);
-            if (moved[eye] || coloured[eye])
-                for (Index i = 0; i < eyes.points_of(e); ++i) changed_.push_back(first + i);
+            for (Index i = 0; (moved[eye] || coloured[eye]) && i < eyes.points_of(e); ++i)
+                changed_.push_back(first + i);
         }
     }
 
@@ -371,9 +361,7 @@ class DriveCache {
             if (has_light())
                 for (Index i = begin; i < begin + n; ++i)
                     shade_point(gain_, rest_->count + eye, world_.feature, i);
-            if (!driven[e] || !written[e]) continue;
-            ++work_.networks;
-            work_.points += n;
+            if (driven[e] && written[e]) ++work_.networks, work_.points += n;
         }
         return which;
     }

@@ -8,9 +8,9 @@
 
 namespace rye {
 
-/// Effects whose Gaussians depend only on what a cache compares: expression, head pose, gaze, pupil,
-/// and for Glint the camera. CornealRefraction moves Gaussians with each view; the inputs of a user's
-/// own effects are not known.
+/// Effects whose Gaussians depend only on what a cache compares: expression, head pose, gaze,
+/// pupil, and for Glint the camera. CornealRefraction moves Gaussians with each view; the inputs of
+/// a user's own effects are not known.
 template <class E>
 concept KeptFromFrameToFrame = EffectSet<E> && !has_effect<E, CornealRefraction> &&
     !has_own_effects<E>;

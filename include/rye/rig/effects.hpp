@@ -164,8 +164,8 @@ struct Glint {
     static constexpr EffectBound droppable{1e-3, "a light's intensity"};
 };
 
-/// Radial stretch of the iris of each eye that turns, driven by its pupil's size (rig/pupil.hpp). Not
-/// in the paper.
+/// Radial stretch of the iris of each eye that turns, by its pupil (rig/pupil.hpp). Not in the
+/// paper.
 struct Pupil {
     static constexpr std::string_view name = "pupil";
     static constexpr Reads reads = Reads::pupil;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/pupil.hpp: an iris whose pupil is wider or narrower than at rest: its points move along
-/// radii, as its tissue does between the pupil's edge and the limbus, which stays. Frame: the
-/// eyeball's, origin at its centre, iris toward +z; lengths in canonical head units.
+/// radii, between the pupil's edge and the limbus, which stays. Frame: the eyeball's, origin at its
+/// centre, iris toward +z; lengths in canonical head units.
 /// At a distance r from the axis, with the pupil's radius p at rest, its ratio s and the limbus'
 /// radius l, a point comes to f(r) = s r for r <= p; linear from s p to l for p <= r <= l; r beyond.
 /// It keeps to the paraboloid of the iris (rig/eyeball.hpp).

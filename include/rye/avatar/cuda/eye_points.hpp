@@ -78,16 +78,32 @@ struct PlaceEyesKernel {
     }
 };
 
+/// Both eyes' pupils in device memory.
+struct DevicePupils {
+    const float* ratio[2]; ///< among the drivers, or null: at rest
+    const float* position; ///< of both eyes at rest, 3 x P
+    float* moved;          ///< as the pupils move them, 3 x P
+    Iris<float> iris[2];
+};
+
 /// Sets all of Gaussian i of both eyes but its feature.
 template <EffectSet E>
 struct DriveBothEyes {
     static constexpr const char* name = "eyes";
     DriveEyePoint<float, E> point; ///< of the left eye, whose points and transform come first
     Index left;                    ///< number of its points
+    [[no_unique_address]] Slot<E, Pupil, DevicePupils> pupils = {};
 
     RYE_DEVICE void operator()(Index i) const {
         DriveEyePoint<float, E> own = point;
         if (i >= left) ++own.place.eye;
+        if constexpr (has_effect<E, Pupil>) {
+            const int eye = i < left ? 0 : 1;
+            own.iris.position = pupils.position;
+            if (pupils.ratio[eye] != nullptr)
+                own.iris.map = {pupils.iris[eye], *pupils.ratio[eye]};
+            MoveEyePoint<float>{own.iris, pupils.moved}(i);
+        }
         own(i);
     }
 };

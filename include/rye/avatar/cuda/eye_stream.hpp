@@ -55,10 +55,11 @@ class DeviceEyeStream {
 
     Index count() const { return host_->position.cols(); }
 
-    /// Takes what is not trained: the template's points and the neutral centres. Waits. `camera`:
-    /// where each frame's camera will lie, 3 numbers in device memory.
-    void set_fixed(const CudaQueue& queue, const float* camera) {
-        camera_ = camera;
+    /// Takes what is not trained: the template's points and the neutral centres. Waits. `drivers`:
+    /// where each frame's will lie in device memory, at those places.
+    void set_fixed(const CudaQueue& queue, const detail::DriverPlaces<E>& at,
+                   const float* drivers) {
+        camera_ = drivers + at.camera;
         if constexpr (has_effect<E, Glint>) highlights_->set_fixed(queue);
         const auto put = [&](DeviceBuffer<float>& to, const Columns<float>& a) {
             to.reserve(queue, static_cast<std::size_t>(a.size()) + 1);
@@ -70,6 +71,15 @@ class DeviceEyeStream {
                 ", expected 3 x 2");
         put(position_, host_->position);
         put(centre_, host_->centre);
+        if constexpr (has_effect<E, Pupil>) {
+            put(moved_, host_->position);
+            pupils_ = {{nullptr, nullptr}, position_.data(), moved_.data(), {}};
+            for_eyes([&]<std::size_t eye>() {
+                if constexpr (!pupil_moves<E, eye>) return;
+                pupils_.ratio[eye] = drivers + at.pupil[eye];
+                pupils_.iris[eye] = iris_of(*host_, static_cast<Index>(eye));
+            });
+        }
         const std::size_t inputs =
             static_cast<std::size_t>(codes_.pose - codes_.expression) +
             static_cast<std::size_t>(detail::encoded_size(6, config_.pose_frequencies));
@@ -119,8 +129,9 @@ class DeviceEyeStream {
         device_.launch(queue, 1, place);
         launch_each(device_, queue, count(),
                     detail::DriveBothEyes<E>{
-                        {{arrays_at(of), position_.data(), to, &frame->eye[0]}, &frame->head},
-                        host_->points_of(0)});
+                        {{arrays_at(of), moved_points(), to, &frame->eye[0]}, &frame->head},
+                        host_->points_of(0),
+                        pupils_});
         appearance_.features_into(queue, of, frame_, to.feature, keep);
         if constexpr (has_effect<E, Glint>)
             highlights_->add_into(queue, of, camera_, frame, points(), to.feature);
@@ -191,6 +202,7 @@ class DeviceEyeStream {
         if constexpr (has_effect<E, Glint>) sum += highlights_->bytes();
         if constexpr (detail::axes_are_trained<E>) sum += g_axis_.bytes();
         if constexpr (has_effect<E, EyeOffset>) sum += offset_->bytes();
+        if constexpr (has_effect<E, Pupil>) sum += moved_.bytes();
         return sum;
     }
 
@@ -212,8 +224,13 @@ class DeviceEyeStream {
         using Places = detail::EyeSums<E, eye>;
         return Places::turn ? sums(eye) + Places::turn_at : nullptr;
     }
+    /// Both eyes' points as the pupils of the last frame move them.
+    const float* moved_points() const {
+        if constexpr (has_effect<E, Pupil>) return moved_.data();
+        return position_.data();
+    }
     detail::DeviceEyePoints points() const {
-        return {position_.data(), count(), host_->points_of(0)};
+        return {moved_points(), count(), host_->points_of(0)};
     }
     float* g_offset() const { return numbers_.data() + 6; }
     float* g_input() const { return numbers_.data() + 12 + 2 * detail::EyeSums<E, 0>::room; }
@@ -226,7 +243,7 @@ class DeviceEyeStream {
         sums_.launch(
             queue, n,
             detail::EyePointVjp<float, E, eye>{
-                all.raw.from(first), all.gradient.from(first), position_.data() + 3 * first,
+                all.raw.from(first), all.gradient.from(first), moved_points() + 3 * first,
                 detail::columns_from(cotangent.world, {first, n}),
                 detail::columns_from(cotangent.g, {first, n}), &frame->head, &frame->turn[eye]},
             {const_cast<float*>(sums(eye))});
@@ -252,6 +269,8 @@ class DeviceEyeStream {
         g_axis_;
     [[no_unique_address]] detail::Slot<E, EyeOffset, std::unique_ptr<DeviceMlpColumn<Device, A>>>
         offset_;
+    [[no_unique_address]] detail::Slot<E, Pupil, DeviceBuffer<float>> moved_;
+    [[no_unique_address]] detail::Slot<E, Pupil, detail::DevicePupils, 1> pupils_;
     DeviceBuffer<float> position_, centre_;
     DeviceBuffer<float> numbers_; ///< squashed offsets, their cotangents, sums, of the inputs
 };

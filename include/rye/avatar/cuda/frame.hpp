@@ -23,12 +23,12 @@ inline constexpr bool frames_have_corrections =
     has_effect<E, ReadsHeadPose> || has_effect<E, Kappa>;
 
 /// Places of the numbers of a frame's drivers, one after the other, as far as effects read them:
-/// expression, pose, scale, gaze of each eye that turns, the camera's centre, the column of
-/// delta_pose and delta_gaze, -1 for none, that of delta_view, and its pivot.
+/// expression, pose, scale, gaze of each eye that turns, its pupil, the camera's centre, the column
+/// of delta_pose and delta_gaze, -1 for none, that of delta_view, and its pivot.
 template <EffectSet E>
 struct DriverPlaces {
-    Index expression = 0, pose = 0, scale = 0, gaze[2] = {0, 0}, camera = 0, column = 0, view = 0,
-          size = 0;
+    Index expression = 0, pose = 0, scale = 0, gaze[2] = {0, 0}, pupil[2] = {0, 0}, camera = 0,
+          column = 0, view = 0, size = 0;
 
     explicit DriverPlaces(const AvatarConfig& config) {
         const auto next = [&](Index& place, bool present, Index count) {
@@ -40,6 +40,8 @@ struct DriverPlaces {
         next(scale, has_effect<E, HeadPose>, 1);
         next(gaze[0], eye_turns<E, 0>, 3);
         next(gaze[1], eye_turns<E, 1>, 3);
+        next(pupil[0], pupil_moves<E, 0>, 1);
+        next(pupil[1], pupil_moves<E, 1>, 1);
         next(camera, has_effect<E, ReadsCamera>, 3);
         next(column, frames_have_corrections<E>, 1);
         next(view, has_effect<E, HeadPose>, 4);
@@ -78,15 +80,17 @@ struct DriverPlaces {
                 static_cast<void>(checked_gaze(of_eye<eye>(drivers.gaze)));
                 put(gaze[eye], of_eye<eye>(drivers.gaze));
             }
+            if constexpr (pupil_moves<E, eye>)
+                r[static_cast<std::size_t>(pupil[eye])] = of_eye<eye>(drivers.pupil);
         });
         for (std::size_t k = 0; k < r.size(); ++k)
             require(std::isfinite(r[k]), "DeviceTwoStream", "number ", k,
                     " of the drivers (expression, pose, scale, "
-                    "gazes) is ",
+                    "gazes, pupils) is ",
                     r[k], ", expected a finite one");
         return r;
     }
-    /// True where packed drivers of two frames have the same bits but for the gazes and the camera.
+    /// True where packed drivers of two frames have the same bits but for gazes, pupils and camera.
     bool same_but_gazes(const std::vector<float>& a, const std::vector<float>& b) const {
         bool same = a.size() == b.size();
         for (std::size_t k = 0; same && k < a.size(); ++k) {

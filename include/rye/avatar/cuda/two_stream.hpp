@@ -88,7 +88,7 @@ class DeviceTwoStream {
         const Index n = face_.count() + eyes_.count();
         cloud_.reserve(queue, n, config_.channels);
         driver_numbers_.reserve(queue, static_cast<std::size_t>(drivers_.size) + 1);
-        eyes_.set_fixed(queue, driver_numbers_.data() + drivers_.camera);
+        eyes_.set_fixed(queue, drivers_, driver_numbers_.data());
         codes_numbers_.reserve(queue, 2 * static_cast<std::size_t>(codes_.size) + 2);
         state_.reserve(queue, 1);
         sums_.reserve(queue, std::size_t(detail::head_sums) + 6 + (parts_train_pose ? 6 : 0));
@@ -143,6 +143,8 @@ class DeviceTwoStream {
         if (!corrects_views()) seen = {};
         if constexpr (has_effect<E, Glint>)
             if (host_.eyes.optics.lights() > 0) detail::require_camera(drivers.camera);
+        if constexpr (has_effect<E, Pupil>)
+            static_cast<void>(detail::pupil_maps(host_.eyes, drivers));
         require(seen.column < cameras(), "DeviceTwoStream", "column of delta_view is ",
                 seen.column, ", expected -1 to ", cameras() - 1);
         require(column >= -1 && column < frames(), "DeviceTwoStream", "column of delta_pose is ",
@@ -182,7 +184,7 @@ class DeviceTwoStream {
         drive_streams(queue, at(parameters_), false);
     }
     /// The same where also the drivers are those of the last drive_into or redrive_into, but for
-    /// the gazes and the camera (the frame's column too): redoes what gazes move, the points on the
+    /// gazes, pupils and camera (the frame's column too): redoes what gazes move, the points on the
     /// lists of the gazes' networks and the eyes, with the bits of a redrive_into. Networks of
     /// expression and head pose are not run; what they gave is still there, so this takes no
     /// memory. Lists and influences follow from the points at rest, light from the head pose. Eyes
