@@ -289,6 +289,14 @@ rye_status rye_avatar_gaussians(const rye_avatar* avatar, rye_cloud* cloud) {
     });
 }
 
+rye_status rye_avatar_pupils(rye_avatar* avatar, const float ratio[2]) {
+    return guarded([&] {
+        check_pointer(avatar, "avatar");
+        check_pointer(ratio, "ratio");
+        avatar->player.set_pupils({ratio[0], ratio[1]});
+    });
+}
+
 rye_status rye_avatar_drive(rye_avatar* avatar, const rye_drivers* drivers,
                             const rye_camera* camera) {
     return guarded([&] {

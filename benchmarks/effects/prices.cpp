@@ -22,10 +22,12 @@ using namespace rye::bench;
 using B = XsimdBackend<DefaultArch, Serial>;
 using All = More<PaperEffects, Kappa>;
 using AllOptics = More<All, CornealRefraction, Glint>;
+using AllPupils = More<All, Pupil>;
 using AllShaded = More<All, HeadShading>;
 using DrivenEyes = EyesBy<DrivenFeatures>;
 /// An avatar without networks, which only rotates its eyes and head, with the cornea's optics.
 using Turning = Effects<HeadPose, LeftGaze, RightGaze, CornealRefraction, Glint>;
+using TurningPupils = Effects<HeadPose, LeftGaze, RightGaze, Pupil>;
 using TurningShaded = Effects<HeadPose, LeftGaze, RightGaze, HeadShading>;
 constexpr Index face_points = 600, eye_points_each = 100;
 constexpr int rounds = 12, turns_a_round = 4;
@@ -102,6 +104,21 @@ struct Driven {
                                                          shape.iris(r)).cast<float>();
                 }
             drivers.camera = Vec3<float>(0.5f, 0.3f, 10);
+        }
+        if constexpr (has_effect<E, Pupil>) {
+            // Two fifths of the points are an iris, the others on the sphere beyond the limbus.
+            const EyeballShape shape{.iris_plane = 0.1};
+            for (Index i = 0; i < n; ++i) {
+                Vec3<float> p = 0.12f * e.position.col(i).normalized();
+                if (i % 5 < 2) {
+                    const double r = 0.059 * double(i) / double(n), a = 2.4 * double(i);
+                    p = Vec3<double>(r * std::cos(a), r * std::sin(a), shape.iris(r)).cast<float>();
+                } else if (p.z() > 0 && p.head<2>().norm() < 0.06f) {
+                    p.z() = -p.z();
+                }
+                e.position.col(i) = p;
+            }
+            drivers.pupil = {1.3f, 0.8f};
         }
         if constexpr (has_effect<E, Glint>) {
             e.optics.light_position = noise(3, 2, 2, 6, 18);
@@ -180,6 +197,7 @@ BENCHMARK(price<All, Periocular>)->Name("price/periocular")->Iterations(1);
 BENCHMARK(price<All, CornealBulge>)->Name("price/corneal_bulge")->Iterations(1);
 BENCHMARK(price<AllOptics, CornealRefraction>)->Name("price/corneal_refraction")->Iterations(1);
 BENCHMARK(price<AllOptics, Glint>)->Name("price/glint")->Iterations(1);
+BENCHMARK(price<AllPupils, Pupil>)->Name("price/pupil")->Iterations(1);
 BENCHMARK(price<AllShaded, HeadShading>)->Name("price/head_shading")->Iterations(1);
 BENCHMARK(price<More<All, DrivenEyes>, DrivenEyes>)->Name("price/driven_eyes")->Iterations(1);
 BENCHMARK(price<TurningShaded, HeadShading>)
@@ -190,6 +208,7 @@ BENCHMARK(price<Turning, CornealRefraction>)
     ->Name("price/corneal_refraction_of_no_networks")
     ->Iterations(1);
 BENCHMARK(price<Turning, Glint>)->Name("price/glint_of_no_networks")->Iterations(1);
+BENCHMARK(price<TurningPupils, Pupil>)->Name("price/pupil_of_no_networks")->Iterations(1);
 BENCHMARK(price<All, Expression, PoseResidual, EyeOffset, Periocular>)
     ->Name("price/all_networks")
     ->Iterations(1);

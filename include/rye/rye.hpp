@@ -17,6 +17,7 @@
 #include <rye/avatar/eye_offset.hpp>
 #include <rye/avatar/eye_parameters.hpp>
 #include <rye/avatar/eye_points.hpp>
+#include <rye/avatar/eye_pupils.hpp>
 #include <rye/avatar/eye_stream.hpp>
 #include <rye/avatar/face_fields.hpp>
 #include <rye/avatar/face_networks.hpp>
@@ -155,6 +156,7 @@
 #include <rye/rig/influence.hpp>
 #include <rye/rig/nearest_landmark.hpp>
 #include <rye/rig/parts.hpp>
+#include <rye/rig/pupil.hpp>
 #include <rye/splat/accuracy.hpp>
 #include <rye/splat/blend.hpp>
 #include <rye/splat/falloff.hpp>

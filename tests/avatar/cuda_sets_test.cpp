@@ -50,6 +50,7 @@ TEST_CASE("cuda, emulated: gaze mechanisms are the host's") {
 TEST_CASE("cuda, emulated: highlights, driven features and shading alone are the host's") {
     parts_against_host<More<PaperEffects, Glint>>();
     parts_against_host<Effects<HeadPose, LeftGaze, Glint>>();
+    parts_against_host<Effects<HeadPose, LeftGaze, Glint, Pupil>>();
     parts_against_host<More<PaperEffects, EyesBy<DrivenFeatures>>>();
     parts_against_host<More<PaperEffects, HeadShading>>();
 }

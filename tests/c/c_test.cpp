@@ -340,6 +340,9 @@ TEST_CASE(
         CHECK(network.convolution[1][3] == right.conv[1](3));
         CHECK(network.out_weight[4] == right.out_weight(4));
         CHECK(network.out_bias[2] == right.out_bias(2));
+        const float pupils[2] = {1, 2.5F};
+        check_failed(rye_avatar_pupils(apart, pupils), RYE_ERROR_ARGUMENT,
+                     "pupil: got the ratio 2.5 for the right eye, expected 0.4 to 2");
         ahead.scale = -1;
         check_failed(rye_avatar_drive(apart, &ahead, &camera), RYE_ERROR_ARGUMENT, "'scale': got -1");
         check_failed(rye_avatar_gaussians(apart, &cloud), RYE_ERROR_STATE, "nor rye_avatar_drive");

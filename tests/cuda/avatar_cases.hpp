@@ -236,8 +236,9 @@ void mechanisms_against_host(const Device& device, const CudaQueue& queue) {
     check(More<Still, EyesBy<ConditionedFeatures>>{});
     check(More<Still, EyesBy<RotatedCode>>{});
 }
-/// Driven features and shading, with kappa, a frame's correction of its pose and everything read.
-using LitEffects = More<AllEffects, Glint, HeadShading, EyesBy<DrivenFeatures>>;
+/// Driven features, pupils and shading, with kappa, a frame's correction of its pose and everything
+/// read.
+using LitEffects = More<AllEffects, Glint, Pupil, HeadShading, EyesBy<DrivenFeatures>>;
 
 /// The same bits again, and in a cloud driven by other numbers before.
 template <class Networks, EffectSet E, class Device>
@@ -261,11 +262,12 @@ void avatar_again(const Device& device, const CudaQueue& queue, const AvatarCase
     CHECK(same_cloud(fetch_cloud(device, queue, avatar.cloud()), first.cloud));
 }
 
-/// The drivers with other gazes.
+/// The drivers with other gazes and pupils.
 template <EffectSet E>
 Drivers<float, E> gazing_elsewhere(Drivers<float, E> d, [[maybe_unused]] float aside) {
     for_eyes([&]<std::size_t eye>() {
         if constexpr (eye_turns<E, eye>) of_eye<eye>(d.gaze) += Vec3<float>(aside, -0.1F, 0);
+        if constexpr (pupil_moves<E, eye>) of_eye<eye>(d.pupil) *= 1 + aside;
     });
     return d;
 }

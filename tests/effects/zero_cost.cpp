@@ -42,6 +42,9 @@
 #ifndef WITHOUT_GLINT
 #define WITHOUT_GLINT 0
 #endif
+#ifndef WITHOUT_PUPIL
+#define WITHOUT_PUPIL 0
+#endif
 #ifndef WITHOUT_HEAD_SHADING
 #define WITHOUT_HEAD_SHADING 0
 #endif
@@ -100,6 +103,9 @@ using E = Joined<detail::List<>
 #endif
 #if !WITHOUT_GLINT
     , detail::List<Glint>
+#endif
+#if !WITHOUT_PUPIL // by hand there is none: pupils are at rest
+    , detail::List<Pupil>
 #endif
 #if !WITHOUT_HEAD_SHADING
     , detail::List<HeadShading>

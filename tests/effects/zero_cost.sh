@@ -3,7 +3,7 @@
 # zero_cost.sh COMPILER FLAGS_FILE SOURCE [EFFECT...]: for each effect, or these, an avatar without
 # it takes as many instructions as a kernel written without it, 1.000 +- 0.001 (callgrind), gives the
 # same bits, has parameters of the same size (static_assert), and its program has no symbol of the
-# effect.
+# effect. Pupils are at rest, and cost nothing there either.
 # Skipped without valgrind.
 set -eu
 cxx=$1
@@ -63,5 +63,6 @@ check PERIOCULAR 'Periocular|GazeField'
 check CORNEAL_BULGE 'CornealBulge|cornea_offset'
 check CORNEAL_REFRACTION 'CornealRefraction|seen_through'
 check GLINT 'Glint|glint_at|mirror_image'
+check PUPIL 'Pupil|StretchedIris|iris_of'
 check HEAD_SHADING 'Shading|ShadedFrame|LogLight'
 exit $bad

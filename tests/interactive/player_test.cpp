@@ -45,11 +45,11 @@ static_assert(GivesThreads<ThreadPool&> && !GivesThreads<ThreadPool>);
 /// The picture by the ordinary functions.
 Image<float> whole_picture(const PlayableAvatar<float>& p, const Drivers<float>& drivers,
                            const Pinhole<float>& camera, const VecX<float>& background,
-                           double dilation) {
+                           double dilation, const std::array<float, 2>& pupil = {1, 1}) {
     const XsimdBackend<> backend;
     TwoStreamTrace<float, TrainedEffects> trace;
-    drive(backend, p.avatar,
-          {p.config, p.roles, seen_from(restricted<TrainedEffects>(drivers), camera)}, trace);
+    const auto all = with_pupils(seen_from(restricted<TrainedEffects>(drivers), camera), pupil);
+    drive(backend, p.avatar, {p.config, p.roles, all}, trace);
     const Pinhole<float> small = render_camera(camera, 1 << p.avatar.upsampler.shape.doublings);
     Rasterizer<FeaturesOnly<Balanced>> rasterizer;
     rasterizer.accuracy.dilation = dilation;
@@ -115,6 +115,29 @@ TEST_CASE("player: every picture is that of a whole render, bit for bit, at any 
             player.drive(before, camera);
             check();
         }
+}
+
+TEST_CASE("player: other pupils move the eyes alone, and stay until they are set again") {
+    const PlayableAvatar<float> p =
+        tiny_playable(TinyParts{.driven_eyes = true, .highlights = true, .irises = true});
+    AvatarPlayer<XsimdBackend<>> player(XsimdBackend<>(), p);
+    Drivers<float> drivers = p.neutral;
+    const auto check = [&](const std::array<float, 2>& pupil) {
+        const Image<float> picture = player.draw(drivers, p.camera, p.background);
+        CHECK(picture.pixels ==
+              whole_picture(p, drivers, p.camera, p.background, player.dilation(), pupil).pixels);
+        return picture;
+    };
+    const Image<float> rest = check({1, 1});
+    player.set_pupils({1.6F, 0.7F});
+    CHECK(check({1.6F, 0.7F}).pixels != rest.pixels);
+    CHECK(player.work().networks == 0);
+    CHECK(player.work().gaussians == 18);
+    drivers.gaze[0] = gaze_vector<float>(0.1F, -0.2F);
+    check({1.6F, 0.7F});
+    CHECK_FAULT(player.set_pupils({1, 2.5F}), "pupil: got the ratio 2.5 for the right eye");
+    check({1.6F, 0.7F});
+    CHECK(player.work().gaussians == 0);
 }
 
 TEST_CASE("player: Gaussians are as wide on the head in pictures of other sizes") {

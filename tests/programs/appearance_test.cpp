@@ -266,6 +266,20 @@ TEST_CASE("appearance: pictures are drawn by the smallest variant with what they
         CHECK(drawn_by("gaze", "auto", looks).find("eye appearance") != std::string::npos);
         CHECK(drawn_by("still", "auto", frame).find("left out     eye appearance") !=
               std::string::npos);
+        TrainState with_irises = drawn;
+        test::set_tiny_irises(with_irises.avatar.eyes);
+        DrawnFrame wide = frame;
+        wide.pupil = {1.6f, 0.7f};
+        const FrameDrawer pupils(with_irises, {frame, wide}, "auto", "--effects", 0.01);
+        CHECK(pupils.variant() == "gaze");
+        CHECK(pupils.picture(wide).pixels != pupils.picture(frame).pixels);
+        const FrameDrawer held(with_irises, {wide, wide}, "still", "--effects", 0.01);
+        CHECK(held.explanation().find("left out     pupil: a pupil's ratio varies") !=
+              std::string::npos);
+        for (const FrameDrawer* drawer : {&pupils, &held})
+            CHECK((drawer->picture(wide).pixels - drawer->picture_by_all(wide).pixels)
+                      .cwiseAbs()
+                      .maxCoeff() <= 1e-4f);
         const FrameDrawer still(drawn, {frame, looks}, "still", "--effects", 0.01);
         CHECK(still.explanation().find("NOT drawn    eye appearance") != std::string::npos);
         CHECK((still.picture(looks).pixels - still.picture_by_all(looks).pixels)

@@ -9,6 +9,7 @@
 
 #include <rye/math/rotation.hpp>
 
+#include "../support/effect_sets.hpp"
 #include "../support/hostile.hpp"
 #include "commands/idle.hpp"
 #include "commands/picture_labels.hpp"
@@ -113,8 +114,31 @@ TEST_CASE("idle: without its parts and with a still head it changes nothing") {
     const IdleOptions none{2, "1", {"saccades", "drift", "blinks", "lid-lag"}};
     const auto frames = idle_frames(none, {}, {25, 1}, state, capture, {one_frame()}, say);
     REQUIRE(frames.size() == 50);
-    for (const DrawnFrame& f : frames) CHECK(same_drivers(f.drivers, one_frame().drivers));
+    for (const DrawnFrame& f : frames) {
+        CHECK(same_drivers(f.drivers, one_frame().drivers));
+        CHECK(f.pupil == PupilRatios{1, 1}); // the run's eyes have no irises
+    }
     CHECK(say.str() == "idle: 0 saccades, 0 blinks\n");
+}
+
+TEST_CASE("idle: pupils swing about what they were, in their range, and are left out") {
+    TrainState state = sighted_run();
+    test::set_tiny_irises(state.avatar.eyes);
+    std::ostringstream say;
+    DrawnFrame frame = one_frame();
+    frame.pupil = {1.2f, 2};
+    IdleOptions o{4, "1", {"saccades", "drift", "blinks", "lid-lag"}};
+    float least = 2, most = 0;
+    for (const DrawnFrame& f : idle_frames(o, {}, {25, 1}, state, {}, {frame}, say)) {
+        least = std::min(least, f.pupil[0]);
+        most = std::max(most, f.pupil[0]);
+        CHECK(f.pupil[1] <= 2);
+    }
+    CHECK(least < 1.2f);
+    CHECK(most > 1.2f);
+    o.without.push_back("pupils");
+    for (const DrawnFrame& f : idle_frames(o, {}, {25, 1}, state, {}, {frame}, say))
+        CHECK(f.pupil == frame.pupil);
 }
 
 TEST_CASE("idle: the same seed draws the same, and lids close by the coefficients of blinks") {

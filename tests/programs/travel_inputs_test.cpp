@@ -63,6 +63,21 @@ TEST_CASE("drivers as CSV: what is written is read again") {
     for (std::size_t e = 0; e < 2; ++e) CHECK((back[1].gaze[e] - other.gaze[e]).norm() < 2e-7f);
 }
 
+TEST_CASE("drivers as CSV: pupils, for those who take them") {
+    std::vector<std::array<float, 2>> pupils, back;
+    const std::string text = "pupil_right\n1.25\n0.5\n";
+    const auto d = parse_drivers(text, "d.csv", {3, {}}, base(), &pupils);
+    REQUIRE(pupils.size() == 2);
+    CHECK(pupils[1] == std::array<float, 2>{1, 0.5f});
+    parse_drivers(text_of_drivers(d, {"a", "b"}, pupils), "d.csv", {3, {}}, base(), &back);
+    CHECK(back == pupils);
+    parse_drivers("scale\n1\n", "d.csv", {3, {}}, base(), &(back = {}));
+    CHECK(back.empty());
+    CHECK_FAULT(parsed(text), "column 1 is 'pupil_right', expected frame");
+    CHECK_FAULT(parse_drivers("pupil_left\n3\n", "d.csv", {3, {}}, base(), &back),
+                "d.csv: line 2: column 'pupil_left': got '3', expected a number from 0.4 to 2");
+}
+
 TEST_CASE("drivers as CSV: faults name line, column and value") {
     CHECK_FAULT(parsed(""), "d.csv: is empty");
     CHECK_FAULT(parsed("frame,scale\n"), "no line after");

@@ -15,12 +15,13 @@ namespace {
 constexpr double idle_degree = std::numbers::pi / 180;
 
 bool same_moment(const IdleMoment& a, const IdleMoment& b) {
-    return a.turn == b.turn && a.closed == b.closed && a.lid_behind == b.lid_behind;
+    return a.turn == b.turn && a.closed == b.closed && a.lid_behind == b.lid_behind &&
+           a.pupil == b.pupil;
 }
 
 IdleSettings only(bool IdleSettings::*part) {
     IdleSettings s;
-    s.saccades = s.drift = s.blinks = s.lid_lag = false;
+    s.saccades = s.drift = s.blinks = s.lid_lag = s.pupils = false;
     if (part != nullptr) s.*part = true;
     return s;
 }
@@ -210,6 +211,28 @@ TEST_CASE("idle eyes: the lid is behind in a vertical saccade, more so upward, a
     CHECK(up < 0.015);
 }
 
+TEST_CASE("idle eyes: pupils swing slowly about their mean, by the deviation that is set") {
+    IdleSettings s = only(&IdleSettings::pupils);
+    for (const double unrest : {0.0, 0.03, 0.06}) {
+        s.pupil_unrest = unrest;
+        const IdleEyes eyes(s, 5, 2000);
+        double sum = 0, squares = 0, steepest = 0;
+        constexpr int count = 20000;
+        for (int i = 0; i < count; ++i) {
+            const double x = eyes.at(0.1 * i).pupil - 1;
+            sum += x;
+            squares += x * x;
+            steepest = std::max(steepest, std::abs(eyes.at(0.1 * i + 0.01).pupil - 1 - x) / 0.01);
+            CHECK(std::abs(x) <= 3.5 * unrest);
+        }
+        CHECK(std::abs(sum / count) <= 0.05 * unrest);
+        CHECK(std::sqrt(squares / count) == doctest::Approx(unrest).epsilon(0.05));
+        // Waves of at most 0.5 Hz, six of them at most in step.
+        CHECK(steepest <= 3.5 * unrest * 2 * std::numbers::pi * 0.5);
+        CHECK(steepest >= unrest);
+    }
+}
+
 TEST_CASE("idle eyes: settings out of range are named") {
     const auto fault = [](auto change, double seconds = 1) {
         IdleSettings s;
@@ -225,6 +248,8 @@ TEST_CASE("idle eyes: settings out of range are named") {
     CHECK(fault([](IdleSettings&) {}, std::nan("")).find("IdleEyes: 'seconds': got") == 0);
     CHECK(fault([](IdleSettings& s) { s.least_fixation = 0; }) ==
           "IdleEyes: 'least_fixation': got 0, expected a number from 0.05 to 3600");
+    CHECK(fault([](IdleSettings& s) { s.pupil_unrest = 0.3; }) ==
+          "IdleEyes: 'pupil_unrest': got 0.3, expected a number from 0 to 0.2");
     CHECK(fault([](IdleSettings& s) { s.blink.opening = -1; }).find("'blink.opening'") !=
           std::string::npos);
 }

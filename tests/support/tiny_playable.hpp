@@ -13,6 +13,7 @@ namespace rye::test {
 struct TinyParts {
     bool visual = false; ///< it has a kappa
     bool light = false, driven_eyes = false, highlights = false;
+    bool irises = false; ///< its eyes have those, so that pupils move
 };
 
 inline PlayableAvatar<float> tiny_playable(const TinyParts& parts, int doublings = 1) {
@@ -44,6 +45,7 @@ inline PlayableAvatar<float> tiny_playable(const TinyParts& parts, int doublings
             mlp = Mlp<double>::init(DrivenFeatures::shape(sizes), Random{9, draw.next++});
     }
     if (parts.highlights) set_tiny_lights(avatar.eyes.optics);
+    if (parts.irises) set_tiny_irises(avatar.eyes);
     p.avatar = lifted<float>(avatar);
     p.expression_names = {"jaw", "brow", "smile"};
     p.neutral = tiny_drivers<float>();

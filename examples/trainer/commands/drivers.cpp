@@ -29,11 +29,12 @@ void write_drivers(const DriversOptions& o) {
     const Capture capture = driving_capture(o.run, state, o.capture);
     std::vector<Drivers<float>> frames;
     std::vector<std::string> ids;
+    std::vector<PupilRatios> pupils;
     if (!o.driving.path.empty()) {
         const Drivers<float> own =
             frame_drivers(capture, frame_index(capture, ""), state.config.gaze_axis);
         frames = driving_frames(o.driving, state, capture, own,
-                                pictures_a_second(parsed_rate(o.rate, "--fps")));
+                                pictures_a_second(parsed_rate(o.rate, "--fps")), &pupils);
         for (std::size_t i = 0; i < frames.size(); ++i) ids.push_back(std::to_string(i));
     } else {
         for (int f = 0; f < capture.frame_count(); ++f) {
@@ -41,7 +42,7 @@ void write_drivers(const DriversOptions& o) {
             ids.push_back(capture.frames[static_cast<std::size_t>(f)].id);
         }
     }
-    const std::string text = text_of_drivers(frames, ids);
+    const std::string text = text_of_drivers(frames, ids, pupils);
     write_atomic(o.out, std::as_bytes(std::span(text)));
     std::cout << o.out.string() << ": " << frames.size() << " frames\n";
 }

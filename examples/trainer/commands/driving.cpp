@@ -163,7 +163,7 @@ void add_driving_options(CLI::App& command, DrivingOptions& o) {
 
 std::vector<Drivers<float>> driving_frames(const DrivingOptions& o, const TrainState& state,
                                            const Capture& capture, const Drivers<float>& own,
-                                           double rate) {
+                                           double rate, std::vector<PupilRatios>* pupils) {
     std::vector<Drivers<float>> all;
     const bool folder = fs::is_directory(o.path);
     if (!folder && is_face_track(o.path)) {
@@ -180,7 +180,9 @@ std::vector<Drivers<float>> driving_frames(const DrivingOptions& o, const TrainS
         require(extension_of(o.path) == ".csv", o.path.string(),
                 "expected the folder of a capture or of a run, or a file that ends in .csv, .json "
                 "or .jsonl");
-        all = read_drivers(o.path, {state.config.avatar.expression, capture.expression_names}, own);
+        all = read_drivers(o.path, {state.config.avatar.expression, capture.expression_names}, own,
+                           pupils);
+        if (pupils != nullptr && !pupils->empty()) *pupils = ranged(*pupils, o.range);
     }
     all = ranged(all, o.range);
     const Drivers<float> first = all.front();

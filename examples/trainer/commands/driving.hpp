@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "model/run.hpp"
+#include "drawing/shown.hpp"
 
 namespace CLI {
 class App;
@@ -29,10 +29,11 @@ void add_driving_options(CLI::App& command, DrivingOptions& options);
 /// Returns the drivers of each picture. `own` are the run's drivers at the frame drawn otherwise:
 /// they fill what a file lacks, and --pose may keep their head pose. A track with times is played
 /// at `rate` pictures a second; what of it drives what is said on standard error. Throws an Error
-/// for a path that is none of these, and unless the drivers fit the avatar.
+/// for a path that is none of these, and unless the drivers fit the avatar. `pupils` receives those
+/// of a CSV file that has them, a frame each, else nothing.
 std::vector<Drivers<float>> driving_frames(const DrivingOptions& options, const TrainState& state,
                                            const Capture& capture, const Drivers<float>& own,
-                                           double rate);
+                                           double rate, std::vector<PupilRatios>* pupils = nullptr);
 
 /// Returns the middle of the head, world units.
 Vec3<float> head_middle(const TrainState& state, const Drivers<float>& drivers);

@@ -19,7 +19,8 @@ namespace {
 /// Largest weight of a blink below which a run has not seen a closed eye.
 constexpr float half_closed = 0.5f;
 
-const std::vector<std::string> idle_parts{"saccades", "drift", "blinks", "lid-lag", "vor"};
+const std::vector<std::string> idle_parts{"saccades", "drift",  "blinks",
+                                          "lid-lag",  "pupils", "vor"};
 
 Mat3<double> head_rotation(const Drivers<float>& d) {
     return so3_exp(Vec3<double>(d.pose.head<3>().cast<double>()));
@@ -73,7 +74,8 @@ void add_idle_options(CLI::App& command, IdleOptions& o) {
         command
             .add_option("--idle", o.seconds,
                         "A video of so many seconds in which the eyes live by themselves: they "
-                        "glance aside, drift, blink, and keep their point while the head turns")
+                        "glance aside, drift, blink, keep their point while the head turns, and "
+                        "their pupils are never still")
             ->check(from_to(0.01, 3600.0));
     command.add_option("--seed", o.seed, "Seed of --idle: the same one gives the same video")
         ->needs(idle)
@@ -81,8 +83,8 @@ void add_idle_options(CLI::App& command, IdleOptions& o) {
         ->capture_default_str();
     command
         .add_option("--without", o.without,
-                    "Parts of --idle to leave out: saccades, drift, blinks, lid-lag, vor (the eyes "
-                    "then turn with the head)")
+                    "Parts of --idle to leave out: saccades, drift, blinks, lid-lag, pupils, vor "
+                    "(the eyes then turn with the head)")
         ->needs(idle)
         ->delimiter(',')
         ->check(CLI::IsMember(idle_parts));
@@ -120,6 +122,10 @@ std::vector<DrawnFrame> idle_frames(const IdleOptions& o, const GazeAtOptions& a
     settings.drift = o.has("drift");
     settings.blinks = o.has("blinks");
     settings.lid_lag = o.has("lid-lag");
+    const auto dilates = [&](Index eye) {
+        return iris_of(state.avatar.eyes, eye).limbus > 0;
+    };
+    settings.pupils = o.has("pupils") && dilates(0) && dilates(1);
     const LidCoefficients<float> lids = lids_of(capture);
     std::string words;
     if (settings.blinks && lids.blink.empty()) {
@@ -130,8 +136,11 @@ std::vector<DrawnFrame> idle_frames(const IdleOptions& o, const GazeAtOptions& a
     }
     const IdleEyes eyes(settings, parsed_seed(o.seed, "--seed"), o.seconds);
     for (std::size_t i = 0; i < count; ++i) {
-        add_idle(eyes.at(static_cast<double>(i) / rate), lids, at.range_deg * degree,
-                 frames[i].drivers);
+        const IdleMoment moment = eyes.at(static_cast<double>(i) / rate);
+        add_idle(moment, lids, at.range_deg * degree, frames[i].drivers);
+        for (float& pupil : frames[i].pupil)
+            pupil = std::clamp(pupil * static_cast<float>(moment.pupil),
+                               static_cast<float>(least_pupil), static_cast<float>(most_pupil));
     }
     say << "idle: " << eyes.saccades().size() << " saccades, " << eyes.blinks().size() << " blinks";
     if (settings.blinks) say << " (" << named(lids.blink, capture) << ")";

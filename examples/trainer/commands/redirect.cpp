@@ -37,6 +37,7 @@ struct RedirectOptions {
     std::filesystem::path run, capture, out, labels, lights;
     std::string frame, camera, effects, rate = "25", device = "auto";
     std::vector<double> left, right;  ///< pitch, yaw [deg]
+    std::vector<float> pupil;         ///< of both, or left and right
     CameraOptions own;
     DrivingOptions driving;
     GazeAtOptions at;
@@ -179,9 +180,10 @@ Shot shot_of(const RedirectOptions& o, const TrainState& state, std::ostream& sa
     const std::vector<Pinhole<double>> cameras =
         own_cameras(o.own, capture.camera(view.frame, view.camera), middle);
     std::vector<Drivers<float>> drivers{base};
+    std::vector<PupilRatios> pupils;
     if (!o.driving.path.empty())
         drivers = driving_frames(o.driving, state, capture, base,
-                                 pictures_a_second(parsed_rate(o.rate, "--fps")));
+                                 pictures_a_second(parsed_rate(o.rate, "--fps")), &pupils);
     const std::size_t d = drivers.size(), c = cameras.size();
     require(d == c || d == 1 || c == 1, "rye redirect", "got ", d, " frames of --driving and ", c,
             " cameras of --cameras, expected as many of both, or one of either (--view)");
@@ -190,6 +192,8 @@ Shot shot_of(const RedirectOptions& o, const TrainState& state, std::ostream& sa
         DrawnFrame f{drivers[d == 1 ? 0 : i], cameras[c == 1 ? 0 : i].cast<float>()};
         if (!o.left.empty()) f.drivers.gaze[0] = gaze_option(o.left, "--gaze-left");
         if (!o.right.empty()) f.drivers.gaze[1] = gaze_option(o.right, "--gaze-right");
+        if (!pupils.empty()) f.pupil = pupils[d == 1 ? 0 : i];
+        if (!o.pupil.empty()) f.pupil = {o.pupil.front(), o.pupil.back()};
         shot.frames.push_back(std::move(f));
     }
     if (o.idle.given())
@@ -352,6 +356,11 @@ void add_redirect(CLI::App& app) {
     c->add_option("--gaze-left", o->left, "Subject's left eye: PITCH,YAW in degrees, head frame; "
                                           "+ is up and toward the subject's left")->delimiter(',');
     c->add_option("--gaze-right", o->right, "Subject's right eye: PITCH,YAW in degrees")->delimiter(',');
+    c->add_option("--pupil", o->pupil,
+                  "Radius of the pupils over that at rest: of both, or LEFT,RIGHT")
+        ->delimiter(',')
+        ->expected(1, 2)
+        ->check(from_to(least_pupil, most_pupil));
     add_gaze_at_options(*c, o->at);
     for (const char* gaze : {"--gaze-left", "--gaze-right"})
         c->get_option("--gaze-at")->excludes(gaze);

@@ -13,6 +13,7 @@
 #include <rye/core/format.hpp>
 #include <rye/core/memory.hpp>
 #include <rye/core/parse.hpp>
+#include <rye/rig/pupil.hpp>
 
 #include "data/csv.hpp"
 #include "data/degrees.hpp"
@@ -32,6 +33,8 @@ std::string gaze_column(std::size_t eye, bool yaw) {
     return std::string("gaze_") + sides[eye] + (yaw ? "_yaw" : "_pitch");
 }
 
+std::string pupil_column(std::size_t eye) { return std::string("pupil_") + sides[eye]; }
+
 /// Pitch and yaw of both eyes [deg].
 struct Angles {
     double pitch[2], yaw[2];
@@ -40,6 +43,7 @@ struct Angles {
 struct Row {
     Drivers<float> drivers;
     Angles gaze;
+    std::array<float, 2> pupil{1, 1};
 };
 
 /// Destination of a column's number, and its bounds.
@@ -49,7 +53,7 @@ struct Column {
     std::function<void(Row&, double)> set; ///< empty for text that is not read
 };
 
-std::map<std::string, Column> known_columns(const DriverNames& names) {
+std::map<std::string, Column> known_columns(const DriverNames& names, bool pupils) {
     std::map<std::string, Column> all;
     const auto add = [&](Column c) { all.emplace(c.name, std::move(c)); };
     add({"frame", 0, 0, {}});
@@ -73,14 +77,17 @@ std::map<std::string, Column> known_columns(const DriverNames& names) {
              [e](Row& r, double x) { r.gaze.pitch[e] = x; }});
         add({gaze_column(e, true), -most_yaw, most_yaw,
              [e](Row& r, double x) { r.gaze.yaw[e] = x; }});
+        if (pupils)
+            add({pupil_column(e), least_pupil, most_pupil,
+                 [e](Row& r, double x) { r.pupil[e] = static_cast<float>(x); }});
     }
     return all;
 }
 
 /// Returns the columns that the first line names.
 std::vector<Column> header_of(std::string_view line, const std::string& who,
-                              const DriverNames& names) {
-    const std::map<std::string, Column> known = known_columns(names);
+                              const DriverNames& names, bool pupils) {
+    const std::map<std::string, Column> known = known_columns(names, pupils);
     std::vector<Column> columns;
     std::set<std::string> seen;
     for (const std::string_view field : fields_of(line)) {
@@ -91,7 +98,8 @@ std::vector<Column> header_of(std::string_view line, const std::string& who,
                 std::max(0, names.expression - 1),
                 (names.coefficients.empty() ? "" : " (or the coefficients' names)"),
                 ", rotation_x, _y, _z, translation_x, _y, _z, scale, gaze_left_pitch, "
-                "gaze_left_yaw, gaze_right_pitch or gaze_right_yaw");
+                "gaze_left_yaw, gaze_right_pitch or gaze_right_yaw",
+                (pupils ? ", pupil_left or pupil_right" : ""));
         require(seen.insert(name).second, who + ": line 1", "names '", name, "' twice");
         columns.push_back(found->second);
     }
@@ -111,8 +119,8 @@ std::vector<Column> header_of(std::string_view line, const std::string& who,
     return columns;
 }
 
-Drivers<float> drivers_of(std::string_view line, const std::string& who,
-                          const std::vector<Column>& columns, const Row& otherwise) {
+Row row_of(std::string_view line, const std::string& who,
+           const std::vector<Column>& columns, const Row& otherwise) {
     const std::vector<std::string_view> fields = fields_of(line);
     require(fields.size() == columns.size(), who, "got ", fields.size(), " fields, expected ",
             columns.size(), " as line 1 has");
@@ -131,7 +139,7 @@ Drivers<float> drivers_of(std::string_view line, const std::string& who,
         if (looks[e])
             row.drivers.gaze[e] =
                 gaze_vector(row.gaze.pitch[e] * degree, row.gaze.yaw[e] * degree).cast<float>();
-    return row.drivers;
+    return row;
 }
 
 Angles angles_of(const Drivers<float>& d) {
@@ -148,10 +156,14 @@ Angles angles_of(const Drivers<float>& d) {
 
 std::vector<Drivers<float>> parse_drivers(std::string_view text, const std::string& name,
                                           const DriverNames& names,
-                                          const Drivers<float>& otherwise) {
+                                          const Drivers<float>& otherwise,
+                                          std::vector<std::array<float, 2>>* pupils) {
     text = without_mark(text);
     require(!text.empty(), name, "is empty, expected a line of names of columns");
-    const std::vector<Column> columns = header_of(take_line(text), name, names);
+    const std::vector<Column> columns = header_of(take_line(text), name, names, pupils != nullptr);
+    const bool dilates = std::any_of(columns.begin(), columns.end(), [](const Column& c) {
+        return c.name == pupil_column(0) || c.name == pupil_column(1);
+    });
     const Row usual{otherwise, angles_of(otherwise)};
     std::vector<Drivers<float>> frames;
     // Memory per frame in a list that has grown to twice its length.
@@ -162,8 +174,9 @@ std::vector<Drivers<float>> parse_drivers(std::string_view text, const std::stri
         if (line.empty()) continue;
         require_memory(each * (frames.size() + 1), memory_limit(),
                        name + ": line " + std::to_string(number), "the frames to here");
-        frames.push_back(
-            drivers_of(line, name + ": line " + std::to_string(number), columns, usual));
+        Row row = row_of(line, name + ": line " + std::to_string(number), columns, usual);
+        frames.push_back(std::move(row.drivers));
+        if (dilates) pupils->push_back(row.pupil);
     }
     require(!frames.empty(), name, "has no line after its names of columns, expected one a frame");
     return frames;
@@ -171,13 +184,15 @@ std::vector<Drivers<float>> parse_drivers(std::string_view text, const std::stri
 
 std::vector<Drivers<float>> read_drivers(const std::filesystem::path& path,
                                          const DriverNames& names,
-                                         const Drivers<float>& otherwise) {
+                                         const Drivers<float>& otherwise,
+                                         std::vector<std::array<float, 2>>* pupils) {
     const Bytes bytes = read_file(path, most_bytes);
-    return parse_drivers(as_text(bytes), path.string(), names, otherwise);
+    return parse_drivers(as_text(bytes), path.string(), names, otherwise, pupils);
 }
 
 std::string text_of_drivers(const std::vector<Drivers<float>>& frames,
-                            const std::vector<std::string>& ids) {
+                            const std::vector<std::string>& ids,
+                            const std::vector<std::array<float, 2>>& pupils) {
     RYE_ASSERT(!frames.empty() && frames.size() == ids.size(),
                "text_of_drivers: no frames, or not an id for each");
     std::string text = "frame";
@@ -188,6 +203,7 @@ std::string text_of_drivers(const std::vector<Drivers<float>>& frames,
     text += ",scale";
     for (std::size_t e = 0; e < 2; ++e)
         text += "," + gaze_column(e, false) + "," + gaze_column(e, true);
+    for (std::size_t e = 0; !pupils.empty() && e < 2; ++e) text += "," + pupil_column(e);
     text += "\n";
     const auto add = [&](auto x) { text += "," + number_text(x); };
     const auto add_angle = [&](double angle) { add(std::round(angle * 1e7) / 1e7 + 0.0); };
@@ -202,6 +218,7 @@ std::string text_of_drivers(const std::vector<Drivers<float>>& frames,
         add(d.scale);
         const Angles a = angles_of(d);
         for (std::size_t e = 0; e < 2; ++e) add_angle(a.pitch[e]), add_angle(a.yaw[e]);
+        for (std::size_t e = 0; !pupils.empty() && e < 2; ++e) add(pupils[f][e]);
         text += "\n";
     }
     return text;

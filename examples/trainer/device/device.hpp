@@ -96,9 +96,10 @@ class DeviceDrawer {
   public:
     virtual ~DeviceDrawer() = default;
     /// Drives the avatar for pictures by this camera, by gazes as this avatar takes them. A frame
-    /// that differs from the previous one in the gazes alone takes less time, and has the same
-    /// bits.
-    virtual void drive(const Drivers<float>& drivers, const Pinhole<float>& camera) = 0;
+    /// that differs from the previous one in gazes and pupils alone takes less time, and has the
+    /// same bits.
+    virtual void drive(const Drivers<float, TrainEffects>& drivers,
+                       const Pinhole<float>& camera) = 0;
     /// Draws with this dilation from now on [px^2].
     virtual void set_dilation(double dilation) = 0;
     /// Returns the picture after super-resolution, on white; `camera` is that of the render.

@@ -29,7 +29,8 @@ class DeviceDrawerOf final : public DeviceDrawer {
         if (lpips) lpips_ = std::make_unique<Lpips>(Device{}, queue_, *lpips);
     }
 
-    void drive(const Drivers<float>& drivers, const Pinhole<float>& camera) override {
+    void drive(const Drivers<float, TrainEffects>& drivers,
+               const Pinhole<float>& camera) override {
         drawer_.drive(queue_, seen_from(restricted<E>(drivers), camera));
     }
     void set_dilation(double dilation) override { drawer_.set_dilation(dilation); }

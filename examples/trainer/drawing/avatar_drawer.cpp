@@ -16,7 +16,7 @@ struct AvatarDrawer::OnDevice {
 
     Image<float> picture(const TrainState& state, const DrawnFrame& frame) {
         drawer->set_dilation(frame.dilation);
-        drawer->drive(frame.drivers, frame.camera);
+        drawer->drive(all_drivers(frame, frame.camera), frame.camera);
         const int factor = 1 << state.config.gaussians.upsampler.doublings;
         return of_camera(drawer->picture(reduced(frame.camera, factor)), frame.camera);
     }

@@ -21,6 +21,7 @@ DriverFacts driver_facts(const TrainState& state, const std::vector<DrawnFrame>&
         const Vec<double, 6> pose = at.pose.cast<double>();
         const auto scale = static_cast<double>(at.scale);
         d.add({at.expression.begin(), at.expression.end()}, pose, scale);
+        d.pupil.add(Vec2<double>(double(f.pupil[0]), double(f.pupil[1])));
         const Mat3<double> rotation = so3_exp(Vec3<double>(pose.head<3>()));
         const Pinhole<double> camera = f.camera.cast<double>();
         for (std::size_t e = 0; e < 2; ++e) {

@@ -75,6 +75,7 @@ struct DriverFacts {
     double identity = 0;         ///< largest change by a pose: |pose|, |scale - 1|
     std::array<EyeFacts, 2> eyes;
     std::array<Ranges, 2> gaze;  ///< (pitch, yaw) [rad]
+    Ranges pupil;                ///< radii over those at rest
     /// Direction of eyes that do not turn: straight ahead, or as an avatar is held.
     std::array<Vec3<double>, 2> rest{Vec3<double>::UnitZ(), Vec3<double>::UnitZ()};
     double kappa = 0;            ///< largest angle yet to be added to a gaze [rad]
@@ -169,6 +170,7 @@ struct ProfileBounds {
     double coefficient = 1e-3;           ///< of an expression, and of a pose for the residual
     double move = 1e-4;                  ///< of a Gaussian [unit]: 1/20 px of a head 1000 px high
     double eye_radius = 0.12;            ///< radius that turns an eye's rotation into a motion
+    double pupil = 0.02;                 ///< its radius at rest [unit]
     double gaze = 1e-3;                  ///< for the skin around the eye [rad]
     double bulge = 20;                   ///< iris above which the cornea's shape is visible [px]
     double glint = 12;                   ///< ... a light's mirror image is visible [px]
@@ -212,7 +214,8 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
     if (!drivers)
         for (const EffectName e :
              {expression, head_pose, pose_residual, left_gaze, right_gaze, eye_offset, kappa,
-              periocular, corneal_bulge, corneal_refraction, glint, head_shading, eye_appearance})
+              periocular, corneal_bulge, corneal_refraction, glint, pupil, head_shading,
+              eye_appearance})
             say(e, false, "nothing here is driven");
     else {
         if (expression_varies && avatar && a.moved_by_expression == 0)
@@ -268,6 +271,10 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
             compare(glint, iris, b.glint,
                     std::to_string(d.lights) + (d.lights == 1 ? " light" : " lights") +
                         "; the widest iris has, in px,");
+        if (!seen && d.pupil.width() > 0)
+            say(pupil, false, "it varies, but no view sees an eye");
+        else
+            compare(pupil, d.pupil.width(), b.move / b.pupil, "a pupil's ratio varies" + over);
         if (a.shaded)
             compare(head_shading, d.pose.width(), b.coefficient, "the pose varies" + over);
         else

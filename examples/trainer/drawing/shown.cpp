@@ -14,6 +14,12 @@ Image<float> of_camera(Image<float> picture, const Pinhole<float>& camera) {
     return cropped(picture, 0, 0, camera.width, camera.height);
 }
 
+Drivers<float, TrainEffects> all_drivers(const DrawnFrame& frame, const Pinhole<float>& camera) {
+    Drivers<float, TrainEffects> d = seen_from(restricted<TrainEffects>(frame.drivers), camera);
+    d.pupil = frame.pupil;
+    return d;
+}
+
 namespace {
 
 /// Throws an Error for numbers that are not finite: they draw nothing, or anything.
@@ -31,16 +37,10 @@ TwoStreamGaussians<float> driven(const TrainState& state,
     const AvatarConfig& config = state.config.avatar;
     const LandmarkRoles& roles = state.subject.roles;
     if (state.compared)
-        return driven_compared(state.compared->avatar, config, roles,
-                               restricted<PaperEffects>(drivers));
+        return driven_compared(state.compared->avatar, config, roles, drivers);
     TwoStreamTrace<float, TrainEffects> trace;
     drive(train_backend(), state.avatar, {config, roles, drivers}, trace);
     return trace;
-}
-/// Returns them as a camera sees them.
-TwoStreamGaussians<float> driven(const TrainState& state, const Drivers<float>& drivers,
-                                 const Pinhole<float>& camera) {
-    return driven(state, seen_from(restricted<TrainEffects>(drivers), camera));
 }
 
 } // namespace
@@ -49,7 +49,7 @@ AvatarView render_avatar(const TrainState& state, const DrawnFrame& frame, bool 
     const TrainConfig& config = state.config;
     const int factor = 1 << config.gaussians.upsampler.doublings;
     const Pinhole<float> small = reduced(frame.camera, factor);
-    const TwoStreamGaussians<float> trace = driven(state, frame.drivers, small);
+    const TwoStreamGaussians<float> trace = driven(state, all_drivers(frame, small));
     require_drawable(trace.gaussians);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
     const TrainRasterizer rasterizer = train_rasterizer(frame.dilation);
@@ -114,12 +114,12 @@ Image<float> eyes_area(const TrainState& state, TwoStreamGaussians<float>& shown
 } // namespace
 
 PosedEyes posed_eyes(const TrainState& state, const DrawnFrame& frame) {
-    TwoStreamGaussians<float> shown = driven(state, frame.drivers, frame.camera);
+    TwoStreamGaussians<float> shown = driven(state, all_drivers(frame, frame.camera));
     return {posed_centres(state, frame.drivers), eyes_area(state, shown, frame)};
 }
 
 ShownAvatar shown_avatar(const TrainState& state, const DrawnFrame& frame) {
-    TwoStreamGaussians<float> shown = driven(state, frame.drivers, frame.camera);
+    TwoStreamGaussians<float> shown = driven(state, all_drivers(frame, frame.camera));
     ShownAvatar r;
     r.picture = picture_of(state, shown.gaussians, frame.camera, frame.dilation);
     r.eyes = {posed_centres(state, frame.drivers), eyes_area(state, shown, frame)};

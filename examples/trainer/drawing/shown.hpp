@@ -10,13 +10,20 @@
 
 namespace rye::trainer {
 
+/// Radii of the left and the right pupil over those at rest (rye/rig/pupil.hpp).
+using PupilRatios = std::array<float, 2>;
+
 /// Picture to be drawn: its drivers, whose gazes are of the run's gaze_axis, the camera of the
 /// full-size image, and the dilation of its render [px^2].
 struct DrawnFrame {
     Drivers<float> drivers;
     Pinhole<float> camera;
     double dilation = trained_dilation;
+    PupilRatios pupil{1, 1};
 };
+
+/// Returns all drivers of a frame, with the camera that sees it.
+Drivers<float, TrainEffects> all_drivers(const DrawnFrame& frame, const Pinhole<float>& camera);
 
 /// Pictures of an avatar: the feature renders, and the image after super-resolution on white.
 struct AvatarView {

@@ -28,10 +28,11 @@ struct PaperVariant : AvatarVariant<TrainEffects> {
 struct TalkVariant : AvatarVariant<Less<TrainEffects, PoseResidual>> {
     static constexpr std::string_view name = "talk";
 };
-/// Eyes that turn, and the skin around them. A cornea is part of the eyeballs and costs nothing.
+/// Eyes that turn, their pupils, and the skin around them. A cornea is part of the eyeballs and
+/// costs nothing.
 struct GazeVariant
     : AvatarVariant<Effects<HeadPose, LeftGaze, RightGaze, Kappa, Periocular, CornealBulge, Glint,
-                            HeadShading, EyesBy<DrivenFeatures>>> {
+                            Pupil, HeadShading, EyesBy<DrivenFeatures>>> {
     static constexpr std::string_view name = "gaze";
 };
 /// A camera that moves around a head that does not.

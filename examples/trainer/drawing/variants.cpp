@@ -22,9 +22,11 @@ EffectMask parsed(const std::string& wanted, const std::string& option) {
     }(AvatarVariants(), wanted, option);
 }
 
-/// Returns the effects for which the state's avatar has parameters.
-EffectMask trained_effects(const TrainState& state) {
+/// Returns the effects for which the state's avatar has parameters, and Pupil if a frame uses it.
+EffectMask trained_effects(const TrainState& state, const std::vector<DrawnFrame>& frames) {
     EffectMask m = effect_mask<PaperEffects>;
+    for (const DrawnFrame& f : frames)
+        if (f.pupil != PupilRatios{1, 1}) m.add(EffectName::pupil);
     if (state.avatar.eyes.kappa.size() > 0) m.add(EffectName::kappa);
     if (state.avatar.eyes.optics.lights() > 0) m.add(EffectName::glint);
     if (state.avatar.shading.any()) m.add(EffectName::head_shading);
@@ -33,9 +35,7 @@ EffectMask trained_effects(const TrainState& state) {
 }
 
 /// Returns a frame's drivers with its camera.
-SeenDrivers seen(const DrawnFrame& frame) {
-    return seen_from(restricted<TrainEffects>(frame.drivers), frame.camera);
-}
+SeenDrivers seen(const DrawnFrame& frame) { return all_drivers(frame, frame.camera); }
 
 } // namespace
 
@@ -87,7 +87,7 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
         bounds.color = bound;
         return counted.emplace(profile(facts, bounds));
     };
-    const EffectMask trained = trained_effects(state);
+    const EffectMask trained = trained_effects(state, frames);
     const auto called = [&] {
         const EffectMask all = judged().effects;
         return all.without(all.without(trained));

@@ -67,7 +67,7 @@ void require_mechanism_fits(const ComparedAvatar& avatar, int channels, const st
 
 TwoStreamGaussians<float> driven_compared(const ComparedAvatar& avatar, const AvatarConfig& config,
                                           const LandmarkRoles& roles,
-                                          const Drivers<float>& drivers) {
+                                          const Drivers<float, TrainEffects>& drivers) {
     TwoStreamTrace<float, ComparedEffects> trace;
     drive(train_backend(), avatar, {config, roles, restricted<ComparedEffects>(drivers)}, trace);
     return trace;

@@ -32,7 +32,7 @@ Avatar without_mechanism(const ComparedAvatar& avatar);
 /// Returns the driven Gaussians; the drivers' gazes are optical axes.
 TwoStreamGaussians<float> driven_compared(const ComparedAvatar& avatar, const AvatarConfig& config,
                                           const LandmarkRoles& roles,
-                                          const Drivers<float>& drivers);
+                                          const Drivers<float, TrainEffects>& drivers);
 
 /// Throws an Error that begins with `who` unless the mechanism's parameters fit the eyes' points.
 void require_mechanism_fits(const ComparedAvatar& avatar, int channels, const std::string& who);

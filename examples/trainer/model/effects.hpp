@@ -21,7 +21,7 @@ using ComparedMechanism = OneMechanism<FixedEye, LearnedQuaternion>;
 using ComparedAppearance =
     OneAppearance<FreeFeatures, RotatedFeatures, ConditionedFeatures, RotatedCode>;
 using ComparedEffects =
-    More<PaperEffects, HeadShading, GazeBy<ComparedMechanism>, EyesBy<ComparedAppearance>>;
+    More<PaperEffects, Pupil, HeadShading, GazeBy<ComparedMechanism>, EyesBy<ComparedAppearance>>;
 using ComparedAvatar = TwoStream<float, ComparedEffects>;
 
 } // namespace rye::trainer

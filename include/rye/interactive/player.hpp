@@ -8,6 +8,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <string>
 
 #include <rye/avatar/hold.hpp>
@@ -48,7 +49,7 @@ class AvatarPlayer {
         detail::require_all_finite(who, "background", background);
         take_size(drivers, camera);
         const int factor = 1 << playable_->avatar.upsampler.shape.doublings;
-        cache_.update(restricted<TrainedEffects>(drivers), render_camera(camera, factor),
+        cache_.update(with_pupils(drivers), render_camera(camera, factor),
                       background);
         check_drawn(who);
         const Image<T>& picture = cache_.picture();
@@ -71,11 +72,21 @@ class AvatarPlayer {
         check_drivers(who, playable_->config, drivers);
         check_camera(who, camera);
         take_size(drivers, camera);
-        cache_.move(restricted<TrainedEffects>(drivers), camera);
+        cache_.move(with_pupils(drivers), camera);
         check_drawn(who);
         work_ = {static_cast<Index>(cache_.drive().changed().size()),
                  cache_.drive().work().networks, 0, 0};
         return gaussians();
+    }
+
+    /// Sets the radii of the left and the right pupil over those at rest (rig/pupil.hpp), from the
+    /// next picture on. Throws as pupil_map.
+    void set_pupils(const std::array<T, 2>& ratio) {
+        for (std::size_t eye = 0; eye < 2; ++eye) {
+            const Iris<T> iris = iris_of(playable_->avatar.eyes, static_cast<Index>(eye));
+            static_cast<void>(pupil_map<T>(eye, iris, ratio[eye]));
+        }
+        pupil_ = ratio;
     }
 
     const PlayedWork& work() const { return work_; }
@@ -88,6 +99,11 @@ class AvatarPlayer {
     std::size_t bytes() const { return cache_.bytes(); }
 
   private:
+    Drivers<T, TrainedEffects> with_pupils(const Drivers<T>& drivers) const {
+        Drivers<T, TrainedEffects> all = restricted<TrainedEffects>(drivers);
+        all.pupil = pupil_;
+        return all;
+    }
     void take_size(const Drivers<T>& drivers, const Pinhole<T>& camera) {
         dilation_ = size_.dilation(A{}.dilation, drivers, camera);
         cache_.set_dilation(dilation_);
@@ -108,6 +124,7 @@ class AvatarPlayer {
 
     const PlayableAvatar<T>* playable_;
     TrainedSize<T> size_;
+    std::array<T, 2> pupil_{T(1), T(1)};
     double dilation_ = A{}.dilation;
     FrameCache<B, A, T, TrainedEffects> cache_;
     PlayedWork work_;

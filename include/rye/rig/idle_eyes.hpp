@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/idle_eyes.hpp: what the eyes of a person at rest do by themselves: they look at a point,
-/// glance aside and back, drift while they fixate, and blink. A function of settings, seed and
-/// time: the same bits for the same ones, in any order of times. Angles [rad], times [s]. Both eyes
-/// turn together, so vergence stays. The pupil is left out: no driver moves it.
+/// glance aside and back, drift while they fixate, and blink, and their pupils are never still. A
+/// function of settings, seed and time: the same bits for the same ones, in any order of times.
+/// Angles [rad], times [s]. Both eyes turn together, so vergence stays, and so do both pupils.
 /// Source: rig/eye_dynamics.hpp; amplitudes of glances: Lee, Badler, Badler, "Eyes alive", 2002;
 /// the rate of blinks: Bentivoglio et al., "Analysis of blink rate patterns in normal subjects",
 /// 1997 (17 a minute at rest); lids: Becker, Fuchs, "Lid-eye coordination during vertical gaze
-/// changes in man and monkey", 1988. Times between glances and what is near are choices.
+/// changes in man and monkey", 1988; slow waves of the pupil: Stark, Campbell, Atwood, "Pupil
+/// unrest: an example of noise in a biological servomechanism", 1958. Their size, times between
+/// glances and what is near are choices.
 #pragma once
 
 #include <algorithm>
@@ -28,6 +30,7 @@ struct IdleSettings {
     bool drift = true;    ///< slow motion within a fixation
     bool blinks = true;   ///< closures of both lids
     bool lid_lag = true;  ///< the upper lid behind a vertical saccade
+    bool pupils = true;   ///< unrest of the pupils
 
     double glance_share = 0.3;      ///< saccades that lead away from the point, 0 to 1
     double mean_glance = 0.12043;   ///< of their exponentially distributed amplitudes (6.9 degrees)
@@ -40,6 +43,7 @@ struct IdleSettings {
     double least_blink_pause = 0.4; ///< from the end of a blink to the next
     double lid_delay = 0.005;       ///< of the lid's saccade behind the eye's
     double lid_up_slowness = 1.25;  ///< of lids in saccades upward; downward they are as fast
+    double pupil_unrest = 0.03;     ///< deviation of the pupils' radii over their mean
     BlinkPhases<double> blink;
     MainSequence<double> main_sequence;
 };
@@ -49,6 +53,7 @@ struct IdleMoment {
     Vec2<double> turn{0.0, 0.0}; ///< (pitch, yaw) to add to both gazes
     double closed = 0;           ///< lids: 0 open, 1 closed
     double lid_behind = 0;       ///< pitch of the upper lid minus that which the gaze gives it
+    double pupil = 1;            ///< to multiply both pupils' radii by
 };
 
 /// A saccade: from onset on, both eyes turn by `turn`.
@@ -67,6 +72,7 @@ class IdleEyes {
         const Random random{seed, 0};
         plan_fixations(random.fork(1), seconds);
         if (settings_.blinks) plan_blinks(random.fork(2), seconds);
+        if (settings_.pupils) plan_pupils(random.fork(3));
     }
 
     /// Returns the eyes t [s] after the beginning; before it nothing has happened.
@@ -88,6 +94,9 @@ class IdleEyes {
         m.turn[1] += d[1];
         for (const double begin : blinks_)
             m.closed = std::max(m.closed, detail::blink_closure(t - begin, settings_.blink));
+        for (const Wave& w : waves_)
+            m.pupil += settings_.pupil_unrest * std::sqrt(2.0 / pupil_waves) *
+                       std::sin(two_pi * (w.frequency * t + w.phase));
         return m;
     }
 
@@ -96,6 +105,12 @@ class IdleEyes {
     const std::vector<double>& blinks() const { return blinks_; }
 
   private:
+    static constexpr double two_pi = 6.283185307179586476925;
+    static constexpr int pupil_waves = 6;
+    /// A wave of the pupils: [Hz], [turns].
+    struct Wave {
+        double frequency, phase;
+    };
     /// A fixation's drift, from `begin` on.
     struct Drift {
         double begin;
@@ -120,6 +135,7 @@ class IdleEyes {
         between("least_blink_pause", s.least_blink_pause, 0, 3600);
         between("lid_delay", s.lid_delay, 0, 0.2);
         between("lid_up_slowness", s.lid_up_slowness, 0.5, 4);
+        between("pupil_unrest", s.pupil_unrest, 0, 0.2);
         between("blink.closing", s.blink.closing, 0.01, 10);
         between("blink.closed", s.blink.closed, 0, 10);
         between("blink.opening", s.blink.opening, 0.01, 10);
@@ -138,7 +154,7 @@ class IdleEyes {
             return {settings_.near * random.normal(k + 1), settings_.near * random.normal(k + 2)};
         const double far =
             std::min(settings_.farthest, settings_.mean_glance * exponential(random, k + 3));
-        const double angle = 6.283185307179586476925 * random.uniform(k + 4);
+        const double angle = two_pi * random.uniform(k + 4);
         return {far * std::sin(angle), far * std::cos(angle)};
     }
 
@@ -179,6 +195,14 @@ class IdleEyes {
         }
     }
 
+    /// Waves of equal size, their frequencies spread over 0.05 to 0.5 Hz by equal ratios.
+    void plan_pupils(const Random& random) {
+        for (std::uint64_t k = 0; k < std::uint64_t(pupil_waves); ++k) {
+            const double decade = (static_cast<double>(k) + random.uniform(2 * k)) / pupil_waves;
+            waves_.push_back({0.05 * std::pow(10.0, decade), random.uniform(2 * k + 1)});
+        }
+    }
+
     /// Returns the share of a saccade that is done at t, of an eye or of a lid: its middle is
     /// `delay` later, and half the time by which the saccade of a lid `slowness` times as slow
     /// takes longer.
@@ -209,6 +233,7 @@ class IdleEyes {
     std::vector<IdleSaccade> saccades_;
     std::vector<Drift> drifts_;
     std::vector<double> blinks_;
+    std::vector<Wave> waves_;
 };
 
 } // namespace rye

@@ -3,12 +3,12 @@
 /// radii, between the pupil's edge and the limbus, which stays. Frame: the eyeball's, origin at its
 /// centre, iris toward +z; lengths in canonical head units.
 /// At a distance r from the axis, with the pupil's radius p at rest, its ratio s and the limbus'
-/// radius l, a point comes to f(r) = s r for r <= p; linear from s p to l for p <= r <= l; r beyond.
-/// It keeps to the paraboloid of the iris (rig/eyeball.hpp).
+/// radius l, a point comes to f(r) = s r for r <= p, linearly from s p to l for p <= r <= l, and
+/// stays beyond. It keeps to the paraboloid of the iris (rig/eyeball.hpp).
 /// Approximations: a Gaussian keeps its orientation, and its two axes along the surface grow by
-/// sqrt(f'(r) f(r) / r), so that its area grows as the surface does; within the pupil that is exact,
-/// on the iris f'(r) belongs to the radius and f(r) / r across it. The radius at rest is the limbus'
-/// times that of EyeballShape, whatever is painted on the iris.
+/// sqrt(f'(r) f(r) / r), so that its area grows as the surface does; within the pupil that is
+/// exact, on the iris f'(r) belongs to the radius and f(r) / r across it. The radius at rest is the
+/// limbus' times that of EyeballShape, whatever is painted on the iris.
 /// Source: the linear stretch is that of Daugman, "High confidence visual recognition of persons by
 /// a test of statistical independence", 1993.
 #pragma once
@@ -118,8 +118,8 @@ struct PupilMap {
 };
 
 /// Returns the map of an eye (0: the subject's left). Throws an Error for a ratio that is not
-/// finite, not from least_pupil to most_pupil, or that would move the pupil over the limbus, and for
-/// the zero iris with another ratio than 1.
+/// finite, not from least_pupil to most_pupil, or that would move the pupil over the limbus, and
+/// for the zero iris with another ratio than 1.
 template <Scalar T>
 PupilMap<T> pupil_map(std::size_t eye, const Iris<T>& iris, const T& ratio) {
     const double s = static_cast<double>(value_of(ratio));
