@@ -11,6 +11,7 @@
 #include <rye/io/safetensors.hpp>
 #include <rye/interactive/player.hpp>
 
+#include "../support/effect_sets.hpp"
 #include "../support/hostile.hpp"
 #include "drawing/playable.hpp"
 #include "drawing/shown.hpp"
