@@ -257,6 +257,7 @@ TEST_CASE("drive cache: what has no parameters takes no work") {
         CHECK(cache.changed() == papers.changed());
         change(p, step);
         p.camera = tiny_camera(8, 8);
+        p.pupil = {1, 1};
     }
     CHECK(cache.bytes() == papers.bytes());
 }
