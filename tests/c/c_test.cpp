@@ -257,7 +257,7 @@ TEST_CASE(
     "C interface: an avatar by its drivers is the player's picture; gazes move a part of it") {
     const TemporaryFolder folder;
     const std::string path = (folder.path / "a.avatar").string();
-    const PlayableAvatar<float> p = tiny_playable(TinyParts{true, true, true, true});
+    const PlayableAvatar<float> p = tiny_playable(TinyParts{true, true, true, true, true});
     write_avatar(path, p, AvatarPrecision::full);
     AvatarPlayer<XsimdBackend<>> player(XsimdBackend<>(), p);
     const Bytes bytes = read_file(path);
@@ -340,8 +340,15 @@ TEST_CASE(
         CHECK(network.convolution[1][3] == right.conv[1](3));
         CHECK(network.out_weight[4] == right.out_weight(4));
         CHECK(network.out_bias[2] == right.out_bias(2));
-        const float pupils[2] = {1, 2.5F};
-        check_failed(rye_avatar_pupils(apart, pupils), RYE_ERROR_ARGUMENT,
+        const float pupils[2] = {1.5F, 0.7F}, wide[2] = {1, 2.5F};
+        REQUIRE(rye_avatar_pupils(apart, pupils) == RYE_OK);
+        REQUIRE(rye_avatar_draw(apart, &ahead, &camera, nullptr, &picture) == RYE_OK);
+        const Columns<float> rest = player.draw(p.neutral, p.camera, p.background).pixels;
+        player.set_pupils({1.5F, 0.7F});
+        CHECK(player.draw(p.neutral, p.camera, p.background).pixels != rest);
+        check_close(rgb, player.draw(p.neutral, p.camera, p.background).pixels);
+        player.set_pupils({1, 1});
+        check_failed(rye_avatar_pupils(apart, wide), RYE_ERROR_ARGUMENT,
                      "pupil: got the ratio 2.5 for the right eye, expected 0.4 to 2");
         ahead.scale = -1;
         check_failed(rye_avatar_drive(apart, &ahead, &camera), RYE_ERROR_ARGUMENT, "'scale': got -1");

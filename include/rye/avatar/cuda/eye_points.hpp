@@ -92,7 +92,7 @@ struct DriveBothEyes {
     static constexpr const char* name = "eyes";
     DriveEyePoint<float, E> point; ///< of the left eye, whose points and transform come first
     Index left;                    ///< number of its points
-    [[no_unique_address]] Slot<E, Pupil, DevicePupils> pupils = {};
+    [[no_unique_address]] Slot<E, Pupil, DevicePupils, 1> pupils = {};
 
     RYE_DEVICE void operator()(Index i) const {
         DriveEyePoint<float, E> own = point;

@@ -269,8 +269,8 @@ class DeviceEyeStream {
         g_axis_;
     [[no_unique_address]] detail::Slot<E, EyeOffset, std::unique_ptr<DeviceMlpColumn<Device, A>>>
         offset_;
-    [[no_unique_address]] detail::Slot<E, Pupil, DeviceBuffer<float>, 1> moved_;
-    [[no_unique_address]] detail::Slot<E, Pupil, detail::DevicePupils> pupils_;
+    [[no_unique_address]] detail::Slot<E, Pupil, DeviceBuffer<float>> moved_;
+    [[no_unique_address]] detail::Slot<E, Pupil, detail::DevicePupils, 1> pupils_;
     DeviceBuffer<float> position_, centre_;
     DeviceBuffer<float> numbers_; ///< squashed offsets, their cotangents, sums, of the inputs
 };
