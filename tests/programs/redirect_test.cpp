@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "../support/effect_sets.hpp"
 #include "../support/file_bytes.hpp"
 #include "command_line.hpp"
 #include "commands/options.hpp"
@@ -157,6 +158,32 @@ TEST_CASE("redirect: labels of a picture, and of a video of a head that lives") 
     const std::string first = seeded("3");
     CHECK(seeded("3") == first);
     CHECK(seeded("4") != first);
+}
+
+TEST_CASE("redirect: pupils are drawn by an option or a table; eyes without irises say so") {
+    const DrawnScene scene;
+    CHECK_FAULT(scene.draw({"--pupil", "1.5"}), "eye have no iris apart from a sphere");
+    TrainState state = load_checkpoint(scene.run);
+    test::set_tiny_irises(state.avatar.eyes);
+    save_checkpoint(scene.run, state);
+    const std::string rest = scene.draw({}), wide = scene.draw({"--pupil", "1.6"});
+    CHECK(scene.draw({"--pupil", "1"}) == rest);
+    CHECK(wide != rest);
+    CHECK(scene.draw({"--pupil", "1.6,1.6"}) == wide);
+    CHECK(scene.draw({"--pupil", "1.6,1"}) != wide);
+    CHECK_FAULT(scene.draw({"--pupil", "1,0.3"}), "--pupil: got 0.3, expected 0.4 to 2");
+    const fs::path table = scene.folder.path / "pupils.csv", video = scene.folder.path / "p.y4m";
+    const auto driven = [&](const std::string& rows, const std::string& option) {
+        std::ofstream(table, std::ios::trunc) << "pupil_right\n" << rows;
+        std::vector<std::string> words{"--driving", table.string(), "--out", video.string()};
+        if (!option.empty()) words.insert(words.end(), {"--pupil", option});
+        scene.draw(words);
+        return bytes_of(video);
+    };
+    const std::string moves = driven("1\n1.6\n", "");
+    CHECK(moves != driven("1\n1\n", ""));
+    CHECK(moves != driven("1.6\n1\n", ""));
+    CHECK(driven("1\n1.6\n", "1") == driven("1\n1\n", ""));
 }
 
 TEST_CASE("redirect: Gaussians are as wide on the head by cameras of one's own") {
