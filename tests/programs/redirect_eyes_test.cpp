@@ -134,6 +134,8 @@ TEST_CASE("idle: pupils swing about what they were, in their range, and are left
         most = std::max(most, f.pupil[0]);
         CHECK(f.pupil[1] <= 2);
     }
+    CHECK(labels(state, {frame}, {})[0]["left"]["pupil"] == 1.2);
+    CHECK(labels(state, {frame}, {})[0]["right"]["pupil"] == 2);
     CHECK(least < 1.2f);
     CHECK(most > 1.2f);
     o.without.push_back("pupils");

@@ -74,9 +74,11 @@ std::string text_of_labels(const TrainState& state, const std::vector<DrawnFrame
         const Pinhole<double> c = f.camera.cast<double>();
         Json j;
         j["picture"] = pictures.empty() ? Json(i) : Json(pictures[i]);
-        for (std::size_t e = 0; e < 2; ++e)
-            j[e == 0 ? "left" : "right"] =
-                label_of_eye(eyes, e, f.drivers.gaze[e].template cast<double>(), c);
+        for (std::size_t e = 0; e < 2; ++e) {
+            Json& eye = j[e == 0 ? "left" : "right"];
+            eye = label_of_eye(eyes, e, f.drivers.gaze[e].template cast<double>(), c);
+            eye["pupil"] = rounded(static_cast<double>(f.pupil[e]));
+        }
         j["target"] = nullptr;
         if (point) {
             const GazeTarget<double> t = gaze_target(*point, eyes.head, f.camera);

@@ -13,7 +13,6 @@
 /// a test of statistical independence", 1993.
 #pragma once
 
-#include <algorithm>
 #include <cmath>
 
 #include <rye/core/columns.hpp>
