@@ -34,16 +34,10 @@ struct Iris {
     T rise = T(0);   ///< z of the limbus minus that of the middle [unit]
 };
 
-/// The iris of an eyeball's shape.
-template <Real T, EffectSet S>
-Iris<T> iris_of(const BasicEyeballShape<S>& shape) {
-    return {static_cast<T>(shape.pupil_radius), static_cast<T>(shape.limbus_radius),
-            static_cast<T>(shape.limbus_plane() - shape.iris(0))};
-}
-
 /// The iris of an eyeball whose points are those of a template, 3 x P: all points of its front
-/// within the limbus lie off the sphere. Its pupil has the limbus' radius times that of the default
-/// EyeballShape. Without such points, or without a limbus on the sphere, the zero iris.
+/// within the limbus lie off the sphere. It ends a ten-thousandth within the limbus, whose points
+/// stay as they are, however they are rounded. Its pupil has that radius times the default
+/// EyeballShape's. Without such points, or without a limbus on the sphere, the zero iris.
 template <Scalar T>
 Iris<T> iris_of_points(const ColumnsView<T>& points) {
     Iris<T> iris;
@@ -73,7 +67,7 @@ Iris<T> iris_of_points(const ColumnsView<T>& points) {
     if (middle < 0 || limbus < 0) return iris;
     using std::sqrt;
     const BasicEyeballShape<PaperEffects> usual;
-    iris.limbus = sqrt(square(limbus));
+    iris.limbus = sqrt(square(limbus)) * constant<T>(1 - 1e-4);
     iris.pupil = iris.limbus * constant<T>(usual.pupil_radius / usual.limbus_radius);
     iris.rise = points(2, limbus) - points(2, middle);
     return iris;
