@@ -29,7 +29,8 @@ double plain(const Iris<double>& i, double s, double r) {
 }
 
 V on_iris(const Iris<double>& i, double r, double angle) {
-    return V(r * std::cos(angle), r * std::sin(angle), 0.09 + i.rise * r * r / (i.limbus * i.limbus));
+    const double share = r / i.limbus;
+    return V(r * std::cos(angle), r * std::sin(angle), 0.09 + i.rise * share * share);
 }
 
 template <class T>
@@ -81,7 +82,8 @@ TEST_CASE("pupil: sizes along the surface grow as its area in the iris' plane do
     const Random random{6, 0};
     for (std::uint64_t k = 0; k < 400; k += 3) {
         const double s = 0.4 + 1.6 * random.uniform(k);
-        const V p = on_iris(iris(), 0.0005 + 0.059 * random.uniform(k + 1), 6 * random.uniform(k + 2));
+        const double r = 0.0005 + 0.059 * random.uniform(k + 1);
+        const V p = on_iris(iris(), r, 6 * random.uniform(k + 2));
         Vec3<D> x;
         for (int i = 0; i < 3; ++i) x[i] = D::variable(p[i], i);
         const Vec3<D> y = lifted<D>(iris(), D(s))(x);
@@ -96,8 +98,8 @@ TEST_CASE("pupil: duals are the derivatives by the point and the ratio, at rest 
     for (std::uint64_t k = 0; k < 200; ++k) {
         const double s = k % 5 == 0 ? 1 : 0.4 + 1.6 * random.uniform(3 * k);
         Columns<double> x(4, 1);
-        x << on_iris(iris(), 0.001 + 0.058 * random.uniform(3 * k + 1), 6 * random.uniform(3 * k + 2)),
-            s;
+        const double r = 0.001 + 0.058 * random.uniform(3 * k + 1);
+        x << on_iris(iris(), r, 6 * random.uniform(3 * k + 2)), s;
         if (std::abs(x.col(0).head<2>().norm() - 0.02) < 1e-4) continue; // its edge has two slopes
         const auto f = [&](const auto& c) {
             using S = typename std::decay_t<decltype(c)>::Scalar;
@@ -115,7 +117,8 @@ TEST_CASE("pupil: duals are the derivatives by the point and the ratio, at rest 
                                                f(Columns<double>(x - h * dx))) / (2 * h);
         const Columns<D> by_dual = f(detail::seeded(x, dx));
         for (Index i = 0; i < 4; ++i)
-            CHECK(by_dual(i, 0).d[0] == doctest::Approx(by_difference(i, 0)).epsilon(1e-6).scale(0.01));
+            CHECK(by_dual(i, 0).d[0] ==
+                  doctest::Approx(by_difference(i, 0)).epsilon(1e-6).scale(0.01));
     }
 }
 
@@ -143,8 +146,8 @@ TEST_CASE("pupil: the iris is found in the points of every shape that training g
                         const PupilMap<float> wide{found, 1.7F};
                         for (Index i = 0; i < points.cols(); ++i) {
                             const Vec3<float> p = points.col(i);
-                            const bool stays =
-                                p.z() < 0 || double(p.head<2>().norm()) > 0.999 * shape.limbus_radius;
+                            const double r = double(p.head<2>().norm());
+                            const bool stays = p.z() < 0 || r > 0.999 * shape.limbus_radius;
                             CHECK((wide(p) == p && wide.stretch(p) == 1) == stays);
                         }
                     }

@@ -260,8 +260,8 @@ RYE_API rye_status rye_avatar_last_work(const rye_avatar* avatar, rye_avatar_wor
  * until the next one. */
 RYE_API rye_status rye_avatar_gaussians(const rye_avatar* avatar, rye_cloud* cloud);
 
-/* Sets the radii of the left and the right pupil over those at rest, 0.4 to 2, from the next picture
- * or rye_avatar_drive on; 1 until then. */
+/* Sets the radii of the left and the right pupil over those at rest, 0.4 to 2, from the next
+ * picture or rye_avatar_drive on; 1 until then. */
 RYE_API rye_status rye_avatar_pupils(rye_avatar* avatar, const float ratio[2]);
 
 /* Moves the Gaussians without a picture, for a program that draws them by itself, and the network
