@@ -63,6 +63,6 @@ check PERIOCULAR 'Periocular|GazeField'
 check CORNEAL_BULGE 'CornealBulge|cornea_offset'
 check CORNEAL_REFRACTION 'CornealRefraction|seen_through'
 check GLINT 'Glint|glint_at|mirror_image'
-check PUPIL 'Pupil|StretchedIris|iris_of'
+check PUPIL 'Pupil|StretchEyePoint|iris_of'
 check HEAD_SHADING 'Shading|ShadedFrame|LogLight'
 exit $bad

@@ -115,16 +115,11 @@ struct SizeEyePoint {
     EyeArrays<const T> raw;
     GaussianArrays<T> to;
     const HeadTransform<T>* head;
-    [[no_unique_address]] Slot<E, Pupil, StretchedIris<T>> iris = {};
 
     RYE_HD void operator()(Index i) const {
         for (Index k = 0; k < 3; ++k) {
             const T scale = drawn_scale(raw.log_scale[3 * i + k]);
             to.scale.data[3 * i + k] = has_effect<E, HeadPose> ? T(scale * head->scale) : scale;
-        }
-        if constexpr (has_effect<E, Pupil>) {
-            const T by = iris(i);
-            for (Index k = 0; k < 2; ++k) to.scale.data[3 * i + k] *= by;
         }
         to.opacity.data[i] = drawn_opacity(raw.opacity_logit[i]);
     }
@@ -152,11 +147,10 @@ struct DriveEyePoint {
     static constexpr const char* name = "eyes";
     PlaceEyePoint<T> place;
     const HeadTransform<T>* head;
-    [[no_unique_address]] Slot<E, Pupil, StretchedIris<T>> iris = {};
 
     RYE_HD void operator()(Index i) const {
         place(i);
-        SizeEyePoint<T, E>{place.raw, place.to, head, iris}(i);
+        SizeEyePoint<T, E>{place.raw, place.to, head}(i);
     }
 };
 

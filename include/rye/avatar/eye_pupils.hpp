@@ -23,18 +23,6 @@ Iris<T> iris_of(const EyeStream<T, E>& eyes, Index eye) {
 
 namespace detail {
 
-/// What a pupil stretches: an eye's points at rest, or null where nothing is stretched.
-template <class T>
-struct StretchedIris {
-    const T* position = nullptr; ///< 3 x P
-    PupilMap<T> map;
-
-    /// Returns what the axes of Gaussian i along the surface grow by.
-    RYE_HD T operator()(Index i) const {
-        return position == nullptr ? T(1) : map.stretch(column3(position, i));
-    }
-};
-
 /// Both eyes' pupils in a frame.
 template <class T>
 struct FramePupils {
@@ -46,11 +34,24 @@ struct FramePupils {
 template <class T>
 struct MoveEyePoint {
     static constexpr const char* name = "pupils";
-    StretchedIris<T> iris;
+    const T* position; ///< at rest, 3 x P
+    PupilMap<T> map;
     T* moved; ///< 3 x P
 
+    RYE_HD void operator()(Index i) const { put_column<3>(map(column3(position, i)), moved, i); }
+};
+
+/// Stretches the scale of Gaussian i of an eye along the surface.
+template <class T>
+struct StretchEyePoint {
+    static constexpr const char* name = "pupils, sizes";
+    const T* position; ///< at rest, 3 x P
+    PupilMap<T> map;
+    T* scale; ///< 3 x P
+
     RYE_HD void operator()(Index i) const {
-        put_column<3>(iris.map(column3(iris.position, i)), moved, i);
+        const T by = map.stretch(column3(position, i));
+        for (Index k = 0; k < 2; ++k) scale[3 * i + k] *= by;
     }
 };
 
@@ -78,7 +79,7 @@ void set_pupils([[maybe_unused]] const B& backend, [[maybe_unused]] const EyeStr
         for (std::size_t eye = 0; moves && eye < 2; ++eye) {
             const Index e = static_cast<Index>(eye), first = 3 * eyes.first_point(e);
             for_each(backend, eyes.points_of(e),
-                     MoveEyePoint<T>{{eyes.position.data() + first, pupils.map[eye]},
+                     MoveEyePoint<T>{eyes.position.data() + first, pupils.map[eye],
                                      pupils.points.data() + first});
         }
     }
@@ -93,16 +94,16 @@ const Columns<T>& moved_points(const EyeStream<T, E>& eyes,
     return eyes.position;
 }
 
-/// Returns what the pupil of an eye stretches, for an avatar with the effect; else an empty slot.
-template <class T, EffectSet E, class Pupils>
-Slot<E, Pupil, StretchedIris<T>> stretched_iris(const EyeStream<T, E>& eyes, std::size_t eye,
-                                                const Pupils& pupils) {
-    Slot<E, Pupil, StretchedIris<T>> iris;
+/// Stretches the scales of an eye's Gaussians, 3 x its points, by the frame's pupil.
+template <class T, EffectSet E, Backend B, class Pupils>
+void stretch_eye([[maybe_unused]] const B& backend, [[maybe_unused]] const EyeStream<T, E>& eyes,
+                 [[maybe_unused]] Index eye, [[maybe_unused]] const Pupils& pupils,
+                 [[maybe_unused]] T* scale) {
     if constexpr (has_effect<E, Pupil>)
         if (pupils.points.size() > 0)
-            iris = {eyes.position.data() + 3 * eyes.first_point(static_cast<Index>(eye)),
-                    pupils.map[eye]};
-    return iris;
+            for_each(backend, eyes.points_of(eye),
+                     StretchEyePoint<T>{eyes.position.data() + 3 * eyes.first_point(eye),
+                                        pupils.map[static_cast<std::size_t>(eye)], scale});
 }
 
 } // namespace detail

@@ -72,8 +72,8 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
                  detail::DriveEyePoint<T, E>{
                      {arrays_of(eyes).from(first), points,
                       detail::columns_from(arrays_of(g), {begin + first, n}), &placed},
-                     detail::head_address<T>(head...),
-                     detail::stretched_iris(eyes, eye, trace.pupils)});
+                     detail::head_address<T>(head...)});
+        detail::stretch_eye(backend, eyes, e, trace.pupils, g.scale.data() + 3 * (begin + first));
     });
 }
 

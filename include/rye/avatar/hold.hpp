@@ -101,10 +101,10 @@ void keep_pupils(const EyeStream<T, E>& from, const FramePupils<T>& pupils,
     for_eyes([&]<std::size_t eye>() {
         if constexpr (pupil_moves<E, eye> && !pupil_moves<Fewer, eye>) {
             const Index e = static_cast<Index>(eye), first = from.first_point(e);
-            const StretchedIris<T> iris = stretched_iris(from, eye, pupils);
-            for (Index i = 0; i < from.points_of(e); ++i) {
-                to.position.col(first + i) = moved_points(from, pupils).col(first + i);
-                to.log_scale.col(first + i).template head<2>().array() += std::log(iris(i));
+            for (Index i = first; i < first + from.points_of(e); ++i) {
+                to.position.col(i) = moved_points(from, pupils).col(i);
+                to.log_scale.col(i).template head<2>().array() +=
+                    std::log(pupils.map[eye].stretch(Vec3<T>(from.position.col(i))));
             }
         }
     });

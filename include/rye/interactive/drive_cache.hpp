@@ -96,8 +96,7 @@ class DriveCache {
             numbers += f.color.size() + f.deform.size() + f.attributes.size();
         if (rest_) {
             const auto [n, i] = rest_->sizes();
-            numbers += n;
-            indices += i;
+            numbers += n, indices += i;
         }
         for (const auto& r : reached_)
             if (r) {
@@ -309,10 +308,11 @@ class DriveCache {
             const detail::GaussianArrays<T> own = detail::columns_from(to, {first, n});
             if (!moved[eye]) return;
             with_head([&](const auto&... head) {
-                if (c.first || c.scale || c.pupil[eye])
+                if (c.first || c.scale || c.pupil[eye]) {
                     for_each(backend_, n, detail::SizeEyePoint<T, E>{
-                                              raw, own, detail::head_address<T>(head...),
-                                              detail::stretched_iris(eyes, eye, pupils_)});
+                                              raw, own, detail::head_address<T>(head...)});
+                    detail::stretch_eye(backend_, eyes, e, pupils_, own.scale.data);
+                }
                 placed_[eye] =
                     detail::placed_eye<eye>(eyes, Vec3<T>(centre_.col(e)), drivers, head...);
             });

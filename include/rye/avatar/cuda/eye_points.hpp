@@ -99,12 +99,14 @@ struct DriveBothEyes {
         if (i >= left) ++own.place.eye;
         if constexpr (has_effect<E, Pupil>) {
             const int eye = i < left ? 0 : 1;
-            own.iris.position = pupils.position;
-            if (pupils.ratio[eye] != nullptr)
-                own.iris.map = {pupils.iris[eye], *pupils.ratio[eye]};
-            MoveEyePoint<float>{own.iris, pupils.moved}(i);
+            PupilMap<float> map;
+            if (pupils.ratio[eye] != nullptr) map = {pupils.iris[eye], *pupils.ratio[eye]};
+            MoveEyePoint<float>{pupils.position, map, pupils.moved}(i);
+            own(i);
+            StretchEyePoint<float>{pupils.position, map, own.place.to.scale.data}(i);
+        } else {
+            own(i);
         }
-        own(i);
     }
 };
 
