@@ -19,7 +19,7 @@ using OneEye = Effects<RightGaze, Pupil>;
 
 template <EffectSet E>
 Drivers<double, E> drivers_with_pupils() {
-    return seen_drivers<E>(tiny_drivers<double>());
+    return with_pupils(seen_drivers<E>(tiny_drivers<double>()), {0.6, 1.5});
 }
 
 static_assert(std::is_empty_v<detail::Slot<Effects<LeftGaze>, Pupil, int>>);

@@ -220,7 +220,7 @@ AvatarCase<E> with_corrections(AvatarCase<E> c) {
 
 template <EffectSet E>
 AvatarCase<E> case_with_parts() {
-    return {avatar_with_parts<E>(), seen_drivers<E>(drivers_of_all())};
+    return {avatar_with_parts<E>(), with_pupils(seen_drivers<E>(drivers_of_all()), {0.6, 1.5})};
 }
 /// Parts of the eyes, and shading, against the host's. Tiles have room for networks of 128.
 template <class Networks, class Device>

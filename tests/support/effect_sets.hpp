@@ -103,11 +103,10 @@ Drivers<T, E> with_pupils(Drivers<T, E> d, [[maybe_unused]] const std::array<T, 
     });
     return d;
 }
-/// The drivers of an avatar with the effects E that the tiny camera looks at, its pupils not at
-/// rest.
+/// The drivers of an avatar with the effects E that the tiny camera looks at, its pupils at rest.
 template <EffectSet E, class T, EffectSet F>
 Drivers<T, E> seen_drivers(const Drivers<T, F>& drivers) {
-    return with_pupils(seen_from(restricted<E>(drivers), tiny_camera(8, 8)), {T(0.6), T(1.5)});
+    return seen_from(restricted<E>(drivers), tiny_camera(8, 8));
 }
 inline Drivers<double, OpticsEffects> drivers_of_optics() {
     return seen_drivers<OpticsEffects>(tiny_drivers<double>());
