@@ -31,7 +31,8 @@ static_assert(sizeof(EyeStream<float, OneEye>) == sizeof(EyeStream<float, Effect
 
 TEST_CASE("pupils: the vjp of an avatar is the transpose of its duals") {
     CHECK(law_error<Eyes>(avatar_with_parts<Eyes>(), drivers_with_pupils<Eyes>(), 2) <= 1e-11);
-    CHECK(law_error<OneEye>(avatar_with_parts<OneEye>(), drivers_with_pupils<OneEye>(), 3) <= 1e-11);
+    CHECK(law_error<OneEye>(avatar_with_parts<OneEye>(), drivers_with_pupils<OneEye>(), 3) <=
+          1e-11);
 }
 
 TEST_CASE("pupils: Gaussians are where the moved points are, and stretched along the surface") {
@@ -49,7 +50,8 @@ TEST_CASE("pupils: Gaussians are where the moved points are, and stretched along
     for (Index i = 0; i < eyes.position.cols(); ++i) {
         const Vec3<double> point = eyes.position.col(i);
         const bool own = i >= left;
-        const Vec3<double> at = own ? placed.apply(map(point)) : Vec3<double>(rest.mean.col(face + i));
+        const Vec3<double> still = rest.mean.col(face + i),
+                           at = own ? placed.apply(map(point)) : still;
         const double by = own ? map.stretch(point) : 1;
         CHECK((wide.mean.col(face + i) - at).norm() < 1e-14);
         CHECK((wide.scale.col(face + i) -
