@@ -26,7 +26,7 @@ constexpr double exposure = 1.0;
 const V3 bounced(0.30, 0.17, 0.13);
 
 /// Share of a light that the cornea mirrors where it is seen along its normal.
-constexpr double mirror = 0.035;
+constexpr double mirror_share = 0.035;
 /// Half a softbox' edge over the width of the lobe that its highlights look like, as
 /// corrections/lights.hpp finds it.
 constexpr double edge_of_lobe = 1.2;
@@ -123,7 +123,7 @@ const std::vector<Softbox>& usual_softboxes() {
 Softbox softbox_of(const V3& to, double width, const V3& intensity) {
     V3 radiance;
     for (Index c = 0; c < 3; ++c)
-        radiance[c] = (light_of(dark_iris + intensity[c]) - light_of(dark_iris)) / mirror;
+        radiance[c] = (light_of(dark_iris + intensity[c]) - light_of(dark_iris)) / mirror_share;
     return softbox(to, edge_of_lobe * width, radiance, 4);
 }
 
@@ -289,7 +289,7 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
         // Reflection of the softboxes on the wet surface, where the lids do not hide them.
         const V3 reflected = along - 2 * normal.dot(along) * normal;
         const double grazing = power(1 - std::clamp(-n.dot(ray.direction), 0.0, 1.0), 5);
-        const double reflects = mirror + 0.6 * grazing;
+        const double reflects = mirror_share + 0.6 * grazing;
         for (std::size_t b = 0; b < softboxes_.size(); ++b) {
             const Softbox& s = softboxes_[b];
             colour += s.radiance * (reflects * light[3 + static_cast<Index>(b)] *
