@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A training step of stage 2 with half the Gaussians of `rye train --preset cpu`, without any file:
 // the time of its parts, the ratio to its networks' products alone at the peak measured in the same
-// run, and the speed-up by threads of the step, of each part, and of the machine's own products and
-// bytes.
+// run, what of them is on one thread, and the speed-up by threads of the step, of each part, and of
+// the machine's own products and bytes.
 #include <benchmark/benchmark.h>
 #ifdef __GLIBC__
 #include <malloc.h>

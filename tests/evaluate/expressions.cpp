@@ -44,8 +44,9 @@ std::vector<MeshSample<float>> samples_of(const Capture& capture, const Subject&
     return all;
 }
 
-/// Returns the root mean square of the derivatives by pitch, of both eyes together, over the
-/// landmarks within 22 mm of an eyeball's centre, by the regression of training [mm / rad].
+/// Returns the root mean square of the derivatives by pitch, the means of those upward and
+/// downward, of both eyes together, over the landmarks within 22 mm of an eyeball's centre, by the
+/// regression of training [mm / rad].
 double lids_follow(const Capture& capture, const TrainConfig& config) {
     const Subject subject = describe_subject(capture, config);
     const Columns<float> neutral = subject.neutral.cast<float>();
