@@ -40,6 +40,9 @@ constexpr double focal_share = 0.3555;
 /// Reach of the fixations [deg] and their distance from the eyes.
 constexpr double most_eye_translation_mm = 5; // a third of an eyeball's radius here
 constexpr double reach_yaw_deg = 30, reach_pitch_deg = 22, target_distance = 7.6;
+/// Bounds of gazes that are asked for [deg], and their largest number.
+constexpr double most_yaw_deg = 55, most_pitch_deg = 45;
+constexpr std::size_t most_gazes = 100;
 
 /// Typical kappa: angles between the optical axis and the line of sight.
 const std::array<Vec2<double>, 2> kappas{Vec2<double>(5, -1.5), Vec2<double>(-5, -1.5)};
@@ -224,6 +227,13 @@ CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {
         "expected 0 to ",
         [&] { return std::to_string(most_eye_translation_mm); });
 
+    require(s.gazes.size() <= most_gazes, "capture", "got ", s.gazes.size(),
+            " gazes, expected at most ", most_gazes);
+    for (const Vec2<double>& g : s.gazes)
+        require(std::abs(g.x()) <= most_yaw_deg && std::abs(g.y()) <= most_pitch_deg, "capture",
+                "got ", g.x(), ",", g.y(), " for a gaze's yaw and pitch [deg], expected at most ",
+                most_yaw_deg, " and ", most_pitch_deg, " to either side");
+
     CaptureScene scene{s, make_cameras(s), {}, kappas, cells};
     const int total = s.train_frames + s.novel_frames + s.independent_frames;
     int drawn = 0;
@@ -262,6 +272,17 @@ CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {
             place_eyes(f, model, scene);
         else
             look_apart(f, i - s.train_frames - s.novel_frames, scene, r);
+        scene.frames.push_back(f);
+    }
+    for (const Vec2<double>& gaze : s.gazes) {
+        SceneFrame f;
+        f.id = digits(static_cast<int>(scene.frames.size()), 4);
+        f.kind = FrameKind::novel;
+        f.state.expression = VecX<double>::Zero(static_cast<Index>(model.expression_names.size()));
+        if (s.softboxes) f.state.softboxes = *s.softboxes;
+        f.state.world_from_head = {Mat3<double>::Identity(), Vec3<double>::Zero()};
+        f.fixation_deg = gaze;
+        place_eyes(f, model, scene);
         scene.frames.push_back(f);
     }
     return scene;

@@ -24,6 +24,8 @@ struct CaptureSettings {
     int train_frames = 24;      ///< the first is neutral and looks straight ahead
     int novel_frames = 6;       ///< tests with gazes outside those of training
     int independent_frames = 2; ///< tests with independent gazes of both eyes
+    /// Targets of further test frames, (yaw, pitch) [deg], by the head at rest.
+    std::vector<Vec2<double>> gazes = {};
     int samples = 4;            ///< rays a pixel
     std::uint64_t seed = 1;     ///< of the subject and of all frames
     /// Bound of the distance by which expression and head pose displace an eyeball in the head [mm],

@@ -106,6 +106,32 @@ TEST_CASE("scene: splits, held-out gazes, kappa and targets are what the labels 
     }
 }
 
+TEST_CASE("scene: gazes that are asked for follow the other frames, which stay as they are") {
+    CaptureSettings settings;
+    settings.train_frames = 2;
+    settings.novel_frames = 1;
+    settings.independent_frames = 1;
+    const CaptureScene without = capture_scene(head(), settings);
+    settings.gazes = {{0, 35}, {-40, -30}};
+    const CaptureScene scene = capture_scene(head(), settings);
+    REQUIRE(scene.frames.size() == 6);
+    for (std::size_t i = 0; i < without.frames.size(); ++i) {
+        CHECK(scene.frames[i].id == without.frames[i].id);
+        CHECK(scene.frames[i].pose == without.frames[i].pose);
+        CHECK(scene.frames[i].optical_deg == without.frames[i].optical_deg);
+    }
+    for (std::size_t i = 0; i < 2; ++i) {
+        const SceneFrame& f = scene.frames[4 + i];
+        CHECK(f.id == "000" + std::to_string(4 + i));
+        CHECK(f.kind == FrameKind::novel);
+        CHECK(f.pose.norm() == 0);
+        CHECK(f.state.expression.norm() == 0);
+        CHECK(*f.fixation_deg == settings.gazes[i]);
+        const Vec2<double> both = 0.5 * (f.optical_deg[0] + f.optical_deg[1]);
+        CHECK((both - settings.gazes[i]).norm() < 3); // kappa and vergence are less
+    }
+}
+
 TEST_CASE("scene: settings that make no capture are refused by name") {
     const auto message = [](const CaptureSettings& s) {
         try {
@@ -118,6 +144,11 @@ TEST_CASE("scene: settings that make no capture are refused by name") {
     CHECK(message({.size = 33}).find("even") != std::string::npos);
     CHECK(message({.size = 8}).find("image size") != std::string::npos);
     CHECK(message({.cameras = 19}).find("1 to 18") != std::string::npos);
+    CHECK(message({.gazes = {{56, 0}}}).find("got 56,0 for a gaze's yaw and pitch") !=
+          std::string::npos);
+    CHECK(message({.gazes = {{0, std::nan("")}}}).find("at most 55 and 45") != std::string::npos);
+    CHECK(message({.gazes = std::vector<Vec2<double>>(101)}).find("at most 100") !=
+          std::string::npos);
     CHECK(message({.train_frames = 0}).find("training frames") != std::string::npos);
     CHECK(message({.samples = 0}).find("samples") != std::string::npos);
     CHECK(message({}).empty());

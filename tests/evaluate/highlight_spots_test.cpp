@@ -6,6 +6,10 @@
 
 #include <doctest/doctest.h>
 
+#include <rye/core/random.hpp>
+
+#include "../support/hostile.hpp"
+
 using namespace rye;
 using namespace rye::trainer;
 
@@ -19,8 +23,10 @@ struct Painted {
     double x, y, adds;
 };
 
-/// Pixels of irises of a colour that changes from the pupil outwards and from picture to picture.
-std::vector<MirroredPixel> irises(const std::vector<Painted>& spots) {
+/// Pixels of irises of a colour that changes from the pupil outwards, in pictures whose light
+/// changes from one to the next and from one side to the other, with noise of this deviation.
+std::vector<MirroredPixel> irises(const std::vector<Painted>& spots, double noise = 0) {
+    const Random random(5);
     std::vector<MirroredPixel> all;
     for (int picture = 0; picture < pictures; ++picture)
         for (int y = -radius; y <= radius; ++y)
@@ -34,7 +40,9 @@ std::vector<MirroredPixel> irises(const std::vector<Painted>& spots) {
                 p.x = 40 + x;
                 p.y = 50 + y;
                 p.iris_radius = radius;
-                double v = 0.2 + 0.05 * p.eye + 0.1 * r + 0.01 * (picture % 5);
+                const double gain = 0.6 + 0.1 * (picture % 5) + 0.02 * (picture % 7) * x / radius;
+                double v = gain * (0.2 + 0.05 * p.eye + 0.1 * r) + 0.01 * (picture % 3);
+                v += noise * random.normal(2 * all.size());
                 for (const Painted& s : spots)
                     if (s.picture == picture)
                         v += s.adds *
@@ -48,10 +56,14 @@ std::vector<MirroredPixel> irises(const std::vector<Painted>& spots) {
 } // namespace
 
 TEST_CASE("highlight spots: those painted on irises are found, the brightest first, and no other") {
-    CHECK(highlight_spots({}).empty());
-    CHECK(highlight_spots(irises({})).empty());
-    const std::vector<HighlightSpot> spots = highlight_spots(
-        irises({{3, 4.3, -2.2, 0.3}, {3, -6, 5, 0.5}, {4, 0, 0, 0.08}, {5, 14, 0, 0.4}}));
+    const auto found = [](std::vector<MirroredPixel> pixels) {
+        subtract_own_colours(pixels);
+        return highlight_spots(pixels);
+    };
+    CHECK(found({}).empty());
+    CHECK(found(irises({})).empty());
+    const std::vector<HighlightSpot> spots =
+        found(irises({{3, 4.3, -2.2, 0.3}, {3, -6, 5, 0.5}, {4, 0, 0, 0.08}, {5, 14, 0, 0.4}}));
     REQUIRE(spots.size() == 4);
     const auto at = [](const HighlightSpot& s, double x, double y) {
         return (s.at - Vec2<double>(40.5 + x, 50.5 + y)).norm();
@@ -98,6 +110,28 @@ TEST_CASE("highlight spots: what renders have of photographs' spots, and what th
     CHECK(none.found == 0);
     CHECK(none.json().at("median_px").is_null());
     std::erase_if(r.photograph, [](const MirroredPixel& p) { return p.picture >= 11; });
+    CHECK_FAULT(match_highlights(r), "pixels of renders beside");
+    std::erase_if(r.render, [](const MirroredPixel& p) { return p.picture >= 11; });
     CHECK(match_highlights(r).pictures == 11);
     CHECK(match_highlights(r).json().is_null()); // too few to know the irises' own colours
+}
+
+TEST_CASE("highlight spots: noise is none, and hides no spot that a render is right to have") {
+    const std::vector<Painted> painted{{3, 4, -2, 0.6}, {8, 1, 1, 0.12}};
+    Reflections r;
+    r.photograph = irises(painted, 0.04);
+    r.render = irises({{3, 4, -2, 0.5}, {8, 1, 1, 0.15}, {9, -3, 0, 0.3}});
+    std::vector<MirroredPixel> noisy = r.photograph;
+    subtract_own_colours(noisy);
+    int clear = 0;
+    for (const HighlightSpot& s : highlight_spots(noisy)) {
+        CHECK(s.noise == doctest::Approx(0.04).epsilon(0.2));
+        clear += s.clear() ? 1 : 0;
+    }
+    CHECK(clear == 1); // noise reaches 0.1 in most pictures
+    const HighlightMatch m = match_highlights(r);
+    CHECK(m.photographs == 1);
+    CHECK(m.found == 1);
+    CHECK(m.renders == 3);
+    CHECK(m.unlike == 1); // of picture 9
 }

@@ -28,6 +28,7 @@ struct CaptureCommand {
     CaptureSettings settings;
     VideoSettings film;
     fs::path out, model, video, dots, lights;
+    std::vector<double> gazes; ///< pitch and yaw of each [deg]
     double dots_begin = 0;
     int threads = 0;
     bool auto_exposure = false; ///< of the video
@@ -79,6 +80,10 @@ void run(const CaptureCommand& o) {
     check_out(o);
     CaptureSettings settings = o.settings;
     if (!o.lights.empty()) settings.softboxes = read_softboxes(o.lights);
+    require(o.gazes.size() % 2 == 0, "--gazes", "got ", o.gazes.size(),
+            " numbers, expected a pitch and a yaw of each frame");
+    for (std::size_t i = 0; i < o.gazes.size(); i += 2)
+        settings.gazes.emplace_back(o.gazes[i + 1], o.gazes[i]);
     if (!o.video.empty()) check_film(o.video);
     set_threads(o.threads);
     const auto start = std::chrono::steady_clock::now();
@@ -139,6 +144,12 @@ void add_capture(CLI::App& app) {
     CLI::Option* const apart = c->add_option("--apart-frames", s.independent_frames,
                                              "Test frames whose eyes look in directions of their own")
                                    ->capture_default_str();
+    CLI::Option* const gazes =
+        c->add_option(
+             "--gazes", o->gazes,
+             "PITCH,YAW,PITCH,YAW,...: further test frames of the head at rest, and where they "
+             "look [deg]")
+            ->delimiter(',');
     c->add_option("--size", s.size, "Edge of the images [px]")->capture_default_str();
     CLI::Option* const cameras =
         c->add_option("--cameras", s.cameras, "Cameras, 1 to 18")->capture_default_str();
@@ -156,10 +167,11 @@ void add_capture(CLI::App& app) {
                   "--json` prints of a capture, or a list of {\"to\": [X, Y, Z], \"intensity\": "
                   "[R, G, B], \"width\": RADIANS}; frames and cameras stay as they are");
     CLI::Option* const video =
-        c->add_option("--video", o->video,
-                      "Video of the same pictures to write, before a wall (.y4m, else by ffmpeg): one "
-                      "camera films the head while it turns, speaks and looks around")
-            ->excludes(tests, apart, cameras);
+        c->add_option(
+             "--video", o->video,
+             "Video of the same pictures to write, before a wall (.y4m, else by ffmpeg): one "
+             "camera films the head while it turns, speaks and looks around")
+            ->excludes(tests, apart, gazes, cameras);
     c->add_option("--rate", o->film.rate, "Pictures a second of the video")
         ->needs(video)
         ->capture_default_str();

@@ -7,14 +7,18 @@
 #include <map>
 #include <set>
 
+#include <rye/core/error.hpp>
+
 #include "data/median.hpp"
 
 namespace rye::trainer {
 namespace {
 
-/// Least brightness of a spot's pixels, and their fewest number.
-constexpr double least = 0.05;
+/// Least brightness of a spot's pixels, also in deviations of the noise, and their fewest number.
+constexpr double least = 0.05, least_deviations = 2;
 constexpr std::size_t fewest = 3;
+/// Share of a render's spot by which a photograph that has it is brighter there.
+constexpr double least_part = 1.0 / 3;
 /// Fewest pictures of an eye that tell an iris' own colours.
 constexpr int fewest_pictures = 12;
 /// Farthest that two pictures' middles of a spot are apart, in radii of the iris.
@@ -25,7 +29,8 @@ using Place = std::pair<int, int>;
 /// A pixel of an iris, and how much brighter it is than irises are there.
 struct BrightPixel {
     double over;
-    bool inside; ///< its four neighbours are pixels of the iris too
+    bool inside;        ///< its four neighbours are pixels of the iris too
+    std::size_t number; ///< in the list of all pixels
 };
 
 /// Takes the group of adjacent pixels that `start` belongs to out of `left`.
@@ -52,7 +57,7 @@ void add_spots(const std::map<Place, BrightPixel>& iris, const HighlightSpot& em
                std::vector<HighlightSpot>& spots) {
     std::map<Place, BrightPixel> bright;
     for (const auto& [place, p] : iris)
-        if (p.over > least) bright.emplace(place, p);
+        if (p.over > std::max(least, least_deviations * empty.noise)) bright.emplace(place, p);
     const std::size_t before = spots.size();
     while (!bright.empty()) {
         const std::vector<Place> group = taken_group(bright, bright.begin()->first);
@@ -63,6 +68,7 @@ void add_spots(const std::map<Place, BrightPixel>& iris, const HighlightSpot& em
             const BrightPixel& p = iris.at(place);
             spot.at += p.over * Vec2<double>(place.second + 0.5, place.first + 0.5);
             sum += p.over;
+            spot.pixels.push_back(p.number);
             if (p.over > spot.brightness) {
                 spot.brightness = p.over;
                 spot.peaks = p.inside;
@@ -86,38 +92,55 @@ double nearest(const HighlightSpot& spot, const std::vector<HighlightSpot>& othe
     return best;
 }
 
+/// Returns the mean of what pixels of these numbers show over their irises.
+double mean_over(const std::vector<MirroredPixel>& pixels, const std::vector<std::size_t>& which) {
+    double sum = 0;
+    for (const std::size_t i : which) sum += static_cast<double>(pixels[i].colour.mean());
+    return sum / static_cast<double>(which.size());
+}
+
 } // namespace
 
-std::vector<HighlightSpot> highlight_spots(std::vector<MirroredPixel> pixels) {
-    subtract_own_colours(pixels);
+std::vector<HighlightSpot> highlight_spots(const std::vector<MirroredPixel>& pixels) {
     struct Picture {
         std::map<Place, BrightPixel> iris;
         double radius = 0;
     };
     std::map<int, Picture> pictures;
-    for (const MirroredPixel& p : pixels) {
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+        const MirroredPixel& p = pixels[i];
         Picture& of = pictures[p.picture];
-        of.iris[{p.y, p.x}] = {static_cast<double>(p.colour.mean()), false};
+        of.iris[{p.y, p.x}] = {static_cast<double>(p.colour.mean()), false, i};
         of.radius = static_cast<double>(p.iris_radius);
     }
     std::vector<HighlightSpot> spots;
     for (auto& [number, of] : pictures) {
+        std::vector<double> sizes;
         for (auto& [place, p] : of.iris) {
             const auto [y, x] = place;
             p.inside = of.iris.count({y - 1, x}) && of.iris.count({y + 1, x}) &&
                        of.iris.count({y, x - 1}) && of.iris.count({y, x + 1});
+            sizes.push_back(std::abs(p.over));
         }
-        add_spots(of.iris, {number, Vec2<double>::Zero(), 0, true, of.radius}, spots);
+        add_spots(
+            of.iris,
+            {number, Vec2<double>::Zero(), 0, 1.4826 * median(std::move(sizes)), true, of.radius},
+            spots);
     }
     return spots;
 }
 
 HighlightMatch match_highlights(const Reflections& r) {
-    const std::vector<HighlightSpot> photographs = highlight_spots(r.photograph),
-                                     renders = highlight_spots(r.render);
+    std::vector<MirroredPixel> photograph = r.photograph, render = r.render;
+    require(photograph.size() == render.size(), "highlights", "got ", render.size(),
+            " pixels of renders beside ", photograph.size(), " of photographs");
+    subtract_own_colours(photograph);
+    subtract_own_colours(render);
+    const std::vector<HighlightSpot> photographs = highlight_spots(photograph),
+                                     renders = highlight_spots(render);
     HighlightMatch m;
     std::set<int> pictures;
-    for (const MirroredPixel& p : r.photograph) pictures.insert(p.picture);
+    for (const MirroredPixel& p : photograph) pictures.insert(p.picture);
     m.pictures = static_cast<int>(pictures.size());
     int last = -1;
     for (const HighlightSpot& spot : photographs) {
@@ -132,7 +155,9 @@ HighlightMatch match_highlights(const Reflections& r) {
     for (const HighlightSpot& spot : renders) {
         if (!spot.clear()) continue;
         ++m.renders;
-        if (!(nearest(spot, photographs) < reach)) ++m.unlike;
+        if (nearest(spot, photographs) < reach) continue;
+        if (mean_over(photograph, spot.pixels) < least_part * mean_over(render, spot.pixels))
+            ++m.unlike;
     }
     return m;
 }

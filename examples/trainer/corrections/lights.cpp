@@ -243,7 +243,7 @@ CorneaInPicture cornea_in_picture(const CaptureFrame& frame, const Pinhole<doubl
                                     : subject.eye_centre[eye];
     return {camera,
             eye_transform(EyeDrive<double>{centre, Vec3<double>::Zero(), label.optical}, head),
-            cornea, subject.limbus_radius[eye]};
+            cornea, subject.limbus_radius[eye], subject.sizes(eye).iris_plane};
 }
 
 FoundLights find_lights(const Capture& capture, const Subject& subject) {

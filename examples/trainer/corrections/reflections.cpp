@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 
+#include <rye/math/levenberg.hpp>
 #include <rye/rig/gaze.hpp>
 
 #include "data/degrees.hpp"
@@ -17,33 +18,53 @@ namespace {
 /// Share of the limbus' radius within which pixels count: beyond it the sclera may show where a
 /// gaze's label is off.
 constexpr double inner = 0.88;
-/// Cells of the iris along its diameter.
-constexpr int cells = 20;
+/// Parts of the iris along its diameter.
+constexpr int cells = 30;
+/// Times that colours and gains are fitted in turn, those of a picture's fit, and the residual at
+/// which a pixel weighs half in it.
+constexpr int turns = 4, fits = 5;
+constexpr double half_weight = 0.03;
+/// Weights that keep a picture's gain at 1, its slopes and its offset at 0; of the slopes, a pixel.
+constexpr double at_rest = 1e-3, slope_at_rest = 1e-3;
+/// Least gain of a pixel.
+constexpr double least_gain = 0.05;
 /// Sides of a map's parts [deg], and the fewest pixels of one, where photographs and renders are
 /// compared.
 constexpr double compared_side = 6;
 constexpr int compared_least = 20;
 
-/// Returns each channel's median over a group of pixels.
-Vec3<float> median_colour(const std::vector<const MirroredPixel*>& pixels) {
-    Vec3<float> m;
-    for (Index c = 0; c < 3; ++c) {
-        std::vector<double> values;
-        for (const MirroredPixel* p : pixels) values.push_back(static_cast<double>(p->colour[c]));
-        m[c] = static_cast<float>(median(std::move(values)));
-    }
-    return m;
-}
+/// How a picture shows an iris: what it multiplies colours by, and adds to them.
+struct PictureLight {
+    Vec4<double> numbers{1, 0, 0, 0}; ///< gain in the middle, its slopes over the iris, offset
 
-/// Subtracts each group's medians from its pixels' colours.
-template <class Key>
-void subtract_medians(std::vector<MirroredPixel>& pixels, const Key& key) {
-    std::map<int, std::vector<const MirroredPixel*>> groups;
-    for (const MirroredPixel& p : pixels) groups[key(p)].push_back(&p);
-    std::map<int, Vec3<float>> medians_of;
-    for (const auto& [k, group] : groups) medians_of[k] = median_colour(group);
-    for (MirroredPixel& p : pixels) p.colour -= medians_of.at(key(p));
-}
+    double gain(const MirroredPixel& p) const {
+        return std::max(least_gain, numbers[0] + numbers[1] * static_cast<double>(p.iris.x()) +
+                                        numbers[2] * static_cast<double>(p.iris.y()));
+    }
+    /// Fits it to pixels whose irises have these brightnesses.
+    void fit(const std::vector<const MirroredPixel*>& pixels, const std::vector<double>& own) {
+        const auto count = static_cast<double>(pixels.size());
+        for (int turn = 0; turn < fits; ++turn) {
+            Columns<double> matrix = Columns<double>::Zero(4, 4);
+            matrix.diagonal() << at_rest, at_rest + slope_at_rest * count,
+                at_rest + slope_at_rest * count, at_rest;
+            VecX<double> right = VecX<double>::Zero(4);
+            right[0] = at_rest;
+            for (std::size_t i = 0; i < pixels.size(); ++i) {
+                const MirroredPixel& p = *pixels[i];
+                const double value = static_cast<double>(p.colour.mean());
+                VecX<double> row(4);
+                row << own[i], own[i] * static_cast<double>(p.iris.x()),
+                    own[i] * static_cast<double>(p.iris.y()), 1;
+                const double r = (value - row.dot(VecX<double>(numbers))) / half_weight,
+                             w = 1 / (1 + r * r);
+                matrix += w * row * row.transpose();
+                right += w * value * row;
+            }
+            numbers = covariance<double>(matrix) * right;
+        }
+    }
+};
 
 } // namespace
 
@@ -76,9 +97,13 @@ void add_mirrored_pixels(const Image<float>& picture, const Columns<float>& area
             const Vec3<double> aside = at - at.dot(of.cornea.axis) * of.cornea.axis;
             if (at.dot(of.cornea.axis) < of.cornea.rim || aside.norm() > inner * of.limbus_radius)
                 continue;
+            const double down = -ray.view.dot(of.cornea.axis);
+            if (!(down > 0)) continue;
+            const Vec3<double> iris =
+                at + (at.dot(of.cornea.axis) - of.iris_plane) / down * ray.view;
             const Vec3<double> to = of.eye.rotation * (ray.view - 2 * ray.facing * ray.normal);
             all.push_back({to.cast<float>(), picture.pixels.col(i).head<3>(),
-                           Vec2<float>((aside.head<2>() / of.limbus_radius).cast<float>()), eye,
+                           Vec2<float>((iris.head<2>() / of.limbus_radius).cast<float>()), eye,
                            number, x, y, static_cast<float>(limbus)});
         }
 }
@@ -87,10 +112,39 @@ void subtract_own_colours(std::vector<MirroredPixel>& pixels) {
     const auto cell = [](float v) {
         return std::clamp(static_cast<int>((v + 1) * cells / 2), 0, cells - 1);
     };
-    subtract_medians(pixels, [&](const MirroredPixel& p) {
+    const auto place = [&](const MirroredPixel& p) {
         return (p.eye * cells + cell(p.iris.y())) * cells + cell(p.iris.x());
-    });
-    subtract_medians(pixels, [](const MirroredPixel& p) { return p.picture; });
+    };
+    std::map<int, std::vector<const MirroredPixel*>> of_place, of_picture;
+    for (const MirroredPixel& p : pixels) {
+        of_place[place(p)].push_back(&p);
+        of_picture[p.picture].push_back(&p);
+    }
+    std::map<int, Vec3<double>> own;
+    std::map<int, PictureLight> lights;
+    for (int turn = 0; turn < turns; ++turn) {
+        for (const auto& [k, group] : of_place)
+            for (Index c = 0; c < 3; ++c) {
+                std::vector<double> values;
+                for (const MirroredPixel* p : group) {
+                    const PictureLight& light = lights[p->picture];
+                    values.push_back((static_cast<double>(p->colour[c]) - light.numbers[3]) /
+                                     light.gain(*p));
+                }
+                own[k][c] = median(std::move(values));
+            }
+        for (const auto& [k, group] : of_picture) {
+            std::vector<double> brightness;
+            for (const MirroredPixel* p : group) brightness.push_back(own.at(place(*p)).mean());
+            lights[k].fit(group, brightness);
+        }
+    }
+    for (MirroredPixel& p : pixels) {
+        const PictureLight& light = lights.at(p.picture);
+        const Vec3<double> without =
+            light.gain(p) * own.at(place(p)) + Vec3<double>::Constant(light.numbers[3]);
+        p.colour -= without.cast<float>();
+    }
 }
 
 std::vector<ReflectedPart> reflected_parts(std::vector<MirroredPixel> pixels, double side,

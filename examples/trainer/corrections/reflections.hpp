@@ -2,7 +2,8 @@
 /// corrections/reflections.hpp: what the corneas in pictures mirror. Each pixel over an iris
 /// mirrors a direction of the world. Its colour less what the same part of the iris has in other
 /// pictures, averaged over the pixels that mirror the same direction, is a map of the surroundings,
-/// on which lights stand out. Frames: directions in the world, unit vectors.
+/// on which lights stand out. The iris lies behind the cornea, so that a camera from aside sees
+/// another part of it beside a highlight. Frames: directions in the world, unit vectors.
 #pragma once
 
 #include <functional>
@@ -23,13 +24,14 @@ struct CorneaInPicture {
     EyeTransform<double> eye; ///< to the world
     Cornea<double> cornea;    ///< in the eyeball's frame
     double limbus_radius;     ///< of the iris, eyeball's frame
+    double iris_plane;        ///< z of its plane, eyeball's frame
 };
 
 /// A pixel over an iris.
 struct MirroredPixel {
     Vec3<float> to; ///< direction that the cornea mirrors there
     Vec3<float> colour;
-    Vec2<float> iris; ///< place on the iris, in parts of the limbus' radius
+    Vec2<float> iris; ///< place where the ray meets the iris' plane, in parts of the limbus' radius
     int eye;          ///< 0: the subject's left
     int picture;      ///< number of the picture of an eye
     int x = 0, y = 0; ///< column and row in the picture
@@ -42,8 +44,10 @@ void add_mirrored_pixels(const Image<float>& picture, const Columns<float>& area
                          const CorneaInPicture& of, int eye, int number,
                          std::vector<MirroredPixel>& all);
 
-/// Subtracts what pixels have without what they mirror: each channel's median over a small part of
-/// the irises, by eye, then that of each picture of an eye.
+/// Subtracts what pixels have without what they mirror. A small part of an iris has one colour, the
+/// median over pictures; a picture shows all of them times a gain, which changes linearly over the
+/// iris, plus an offset: its light and the lids' shadow. These are by least squares in which bright
+/// spots weigh little.
 void subtract_own_colours(std::vector<MirroredPixel>& pixels);
 
 /// The light that is mirrored from a small part of all directions.
