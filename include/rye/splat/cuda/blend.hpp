@@ -19,7 +19,7 @@ struct FoundVisits {
     Quad4 shape[capacity]; ///< vy, log2 o, depth, floor
     Quad4 colour[colours ? capacity : 1];
     std::uint32_t owner[capacity];
-    std::uint32_t place_of[capacity]; ///< places of the pairs (Gaussian, tile)
+    std::uint32_t place_of[capacity]; ///< places of the pairs (Gaussian, tile), for a vjp
     std::uint32_t entry[capacity];    ///< numbers in the tile's list
 };
 
@@ -54,20 +54,23 @@ struct BlendKernel {
                                  memory.begin[tile + 1] - begin);
         bool open = true;
         while (open) {
-            const std::uint32_t before = list.taken, part = list.next(block);
-            if (part == 0) break;
-            block.each_thread([&](int t) {
-                for (std::uint32_t k = static_cast<std::uint32_t>(t); k < part; k += threads) {
-                    const auto place = static_cast<std::uint32_t>(shared.nearest.key[k]);
-                    const std::uint32_t owner = memory.owner[place];
-                    shared.nearest.key[k] = std::uint64_t(place) << 32U | owner;
-                    if constexpr (A::outputs.contributor) memory.sorted[begin + before + k] = owner;
-                }
+            const std::uint32_t before = list.taken;
+            const std::uint32_t part = list.next(block, [&](std::uint64_t key) {
+                // From the pair's place, or its Gaussian, to both.
+                const auto low = static_cast<std::uint32_t>(key);
+                return memory.groups > 0 ? std::uint64_t(low) << 32U | memory.owner[low] : low;
             });
+            if (part == 0) break;
+            const std::uint64_t* const near = shared.nearest.key + list.begin;
+            if constexpr (A::outputs.contributor)
+                block.each_thread([&](int t) {
+                    for (std::uint32_t k = static_cast<std::uint32_t>(t); k < part; k += threads)
+                        memory.sorted[begin + before + k] = static_cast<std::uint32_t>(near[k]);
+                });
             block.each_warp([&](int w) {
                 StripSums<W, A, C>& s = state[w];
                 const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
-                walk<W>(shared, s, pixels, tile, w, before, part);
+                walk<W>(shared, near, s, pixels, tile, w, before, part);
                 if (list.taken == list.n) flush<W>(shared, s, pixels, w);
                 W::write_where(W::lane() == typename W::U(0), shared.open,
                                typename W::U(static_cast<std::uint32_t>(w)),
@@ -112,9 +115,9 @@ struct BlendKernel {
 
     /// Walks a part of the list: finds the strip's visits, 32 entries at a time.
     template <class W>
-    RYE_DEVICE void walk(Shared& shared, StripSums<W, A, C>& s, const StripPixels<W>& pixels,
-                         std::uint32_t tile, int w, std::uint32_t before,
-                         std::uint32_t part) const {
+    RYE_DEVICE void walk(Shared& shared, const std::uint64_t* near, StripSums<W, A, C>& s,
+                         const StripPixels<W>& pixels, std::uint32_t tile, int w,
+                         std::uint32_t before, std::uint32_t part) const {
         using F = typename W::F;
         using U = typename W::U;
         const TileCentre centre(scene, tile, memory.columns);
@@ -126,7 +129,7 @@ struct BlendKernel {
         const auto fetch = [&](std::uint32_t at) {
             const U entry = U(at) + W::lane();
             const auto valid = entry < U(part);
-            owner = W::template read_half<0>(shared.nearest.key, select(valid, entry, U(0)));
+            owner = W::template read_half<0>(near, select(valid, entry, U(0)));
             place = W::read4_where(valid, records, owner * U(2));
             shape = W::read4_where(valid, records, owner * U(2) + U(1));
         };
@@ -158,9 +161,9 @@ struct BlendKernel {
                 W::write4_where(visited, found.colour, to, colour);
             }
             W::write_where(visited, found.owner, to, own_owner);
-            W::write_where(
-                visited, found.place_of, to,
-                W::template read_half<1>(shared.nearest.key, select(valid, entry, U(0))));
+            if (memory.groups > 0)
+                W::write_where(visited, found.place_of, to,
+                               W::template read_half<1>(near, select(valid, entry, U(0))));
             if constexpr (A::outputs.contributor)
                 W::write_where(visited, found.entry, to, U(before) + entry);
             s.found += W::bits_set(lanes);

@@ -28,12 +28,14 @@ struct DeviceFrameShape {
     /// Returns the count of 32-bit words: of Gaussians and tiles, of counters, of entries, of
     /// groups.
     std::size_t words() const {
-        return 2 * gaussians + blocks() + std::size_t(2 + detail::tile_strips) * tiles + 2;
+        return gaussians + 2 * blocks() + std::size_t(2 + detail::tile_strips) * tiles + 2;
     }
     std::size_t counters() const {
         return tiles * detail::FrameMemory::apart + sizeof(FrameReport) / 4;
     }
-    std::size_t entry_words() const { return std::size_t(3 + detail::tile_strips) * entries; }
+    std::size_t entry_words() const {
+        return (groups > 0 ? std::size_t(3 + detail::tile_strips) : std::size_t(1)) * entries;
+    }
     std::size_t group_words() const { return groups * std::size_t(2 * detail::group_visits + 1); }
     std::size_t transmittances() const { return groups * 64; }
     std::size_t partials() const { return groups * std::size_t(detail::group_visits) * stride; }
@@ -75,10 +77,10 @@ struct DeviceFrame {
         place(queue, records_, m.record, of.gaussians);
         place(queue, spans_, m.spans, of.gaussians);
         place(queue, footprints_, m.footprint, of.gaussians);
-        place(queue, words_, m.first, of.words());
-        m.places = m.first + of.gaussians;
+        place(queue, words_, m.places, of.words());
         m.block_places = m.places + of.gaussians;
-        m.begin = m.block_places + m.blocks;
+        m.block_ranks = m.block_places + m.blocks;
+        m.begin = m.block_ranks + m.blocks;
         m.order = m.begin + of.tiles + 1;
         m.last = m.order + of.tiles;
         place(queue, counters_, m.counters, of.counters());
@@ -86,10 +88,13 @@ struct DeviceFrame {
             reinterpret_cast<FrameReport*>(m.counters + of.tiles * detail::FrameMemory::apart);
         place(queue, keys_, m.key, of.entries);
         place(queue, entry_words_, m.sorted, of.entry_words());
-        m.owner = m.sorted + of.entries;
-        m.slot = m.owner + of.entries;
-        m.touched =
-            reinterpret_cast<std::uint8_t*>(m.slot + std::size_t(detail::tile_strips) * of.entries);
+        m.rank = m.sorted;
+        if (of.groups > 0) {
+            m.owner = m.sorted + of.entries;
+            m.slot = m.owner + of.entries;
+            m.touched = reinterpret_cast<std::uint8_t*>(
+                m.slot + std::size_t(detail::tile_strips) * of.entries);
+        }
         m.entries = static_cast<std::uint32_t>(of.entries);
         m.groups = static_cast<std::uint32_t>(of.groups);
         place(queue, group_words_, m.visits, of.group_words());

@@ -4,77 +4,10 @@
 /// decided: the list is sorted when it is drawn, by unique keys.
 #pragma once
 
+#include <rye/splat/cuda/block_tiles.hpp>
 #include <rye/splat/cuda/lens.hpp>
-#include <rye/splat/cuda/records.hpp>
 
 namespace rye::detail {
-
-/// Calls f(row, begin, end) for each row of tiles that a Gaussian reaches.
-template <Support support, class F>
-RYE_DEVICE void each_span(const TileSpans& s, const Footprint<float>* footprint, int width,
-                          int height, const F& f) {
-    if (s.rows <= TileSpans::most) {
-        for (int y = 0; y < s.rows; ++y) f(s.first + y, int(s.begin[y]), int(s.end[y]));
-        return;
-    }
-    const Cover<support, float> cover{*footprint, width, height};
-    const Span rows = cover.rows();
-    for (int y = s.first; y < s.first + s.rows; ++y) {
-        const Span x = cover.columns(y, rows);
-        f(y, x.begin, x.end);
-    }
-}
-
-/// The tiles of a block's Gaussians as one row of tasks, so that its threads share them evenly;
-/// those of Gaussians in many rows of tiles are taken one Gaussian after the other.
-struct BlockTiles {
-    static constexpr int threads = 128;
-    TileSpans spans[threads];
-    std::uint32_t before[threads]; ///< tasks of Gaussians before each
-    std::uint32_t tall;            ///< number of Gaussians in many rows
-    std::uint32_t index[threads];  ///< those Gaussians
-
-    /// Enters Gaussian t, whose spans are set, with its number of places.
-    template <class Block>
-    RYE_DEVICE void put(Block& block, int t, std::uint32_t places) {
-        const bool is_tall = spans[t].rows > TileSpans::most;
-        before[t] = is_tall ? 0U : places;
-        if (is_tall) index[block.add(&tall, 1U)] = static_cast<std::uint32_t>(t);
-    }
-
-    /// Calls f(Gaussian, its tile's rank, row, column) for all tiles of the block.
-    template <Support support, class Block, class F>
-    RYE_DEVICE void each(Block& block, const Footprint<float>* footprints, int width, int height,
-                         const F& f) {
-        const std::uint32_t tasks = block.exclusive_sums(before);
-        block.each_thread([&](int t) {
-            for (std::uint32_t k = static_cast<std::uint32_t>(t); k < tasks; k += threads) {
-                int low = 0; // the last Gaussian whose tasks begin at k or before
-                for (int step = threads / 2; step > 0; step /= 2)
-                    if (before[low + step] <= k) low += step;
-                const TileSpans& s = spans[low];
-                const std::uint32_t rank = k - before[low];
-                int row = 0, rest = static_cast<int>(rank);
-                for (int y = 0; y + 1 < TileSpans::most; ++y) {
-                    const int wide = s.end[y] - s.begin[y];
-                    if (row == y && y + 1 < s.rows && rest >= wide) rest -= wide, ++row;
-                }
-                f(low, rank, s.first + row, s.begin[row] + rest);
-            }
-        });
-        for (std::uint32_t k = 0; k < tall; ++k)
-            block.each_thread([&](int t) {
-                const int own = static_cast<int>(index[k]);
-                std::uint32_t rank = 0;
-                each_span<support>(
-                    spans[own], footprints + own, width, height, [&](int row, int begin, int end) {
-                        for (int x = begin + t; x < end; x += threads)
-                            f(own, rank + static_cast<std::uint32_t>(x - begin), row, x);
-                        rank += static_cast<std::uint32_t>(end - begin);
-                    });
-            });
-    }
-};
 
 /// Projects Gaussians, and counts the entries of tiles.
 template <class A, class D>
@@ -84,7 +17,11 @@ struct ProjectKernel {
     /// Shared memory of a block.
     struct Shared {
         BlockTiles tiles;
-        std::uint32_t places[threads];
+        Footprint<float> footprint[threads];
+        Span pixels[threads];         ///< a Gaussian's rows of pixels
+        std::uint32_t rows[threads];  ///< its rows of tiles, then those of Gaussians before it
+        std::uint32_t count[threads]; ///< its tiles, then those of Gaussians before it
+        std::uint32_t base;           ///< where the block's ranks are
         std::uint8_t finite[threads]; ///< 1 if all features of the Gaussian are finite
     };
     DeviceGaussians<const float> g;
@@ -97,37 +34,66 @@ struct ProjectKernel {
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         const auto base = static_cast<std::uint32_t>(block.index()) * threads;
+        BlockTiles& tiles = shared.tiles;
         block.each_thread([&](int t) {
-            if (t == 0) shared.tiles.tall = 0;
+            if (t == 0) tiles.tall = 0;
             shared.finite[t] = 1;
+            shared.count[t] = 0;
         });
         if (accuracy.non_finite != NonFinite::trust)
             block.each_thread([&](int t) { look_at_features(shared, base, t); });
         block.each_thread([&](int t) {
             const std::uint32_t i = base + static_cast<std::uint32_t>(t);
-            TileSpans& spans = shared.tiles.spans[t];
-            spans.first = spans.rows = 0;
-            std::uint32_t places = 0;
+            tiles.spans[t].first = tiles.spans[t].rows = 0;
             if (i < memory.count) {
                 if (accuracy.non_finite != NonFinite::trust &&
                     !(shared.finite[t] != 0 && usable(i)))
                     block.add(&memory.report->non_finite, 1U);
                 else
-                    places = reach(i, spans);
-                memory.spans[i] = spans;
-                memory.places[i] = places;
+                    reach(shared, i, t);
             }
-            shared.places[t] = places;
-            shared.tiles.put(block, t, places);
+            shared.rows[t] = tiles.spans[t].rows;
         });
-        shared.tiles.template each<A::support>(block, memory.footprint + base, width, height,
-                                               [&](int, std::uint32_t, int row, int column) {
-                                                   block.add(memory.counter(row, column), 1U);
-                                               });
-        const std::uint32_t total = block.exclusive_sums(shared.places);
+        // Rows are shared evenly: few Gaussians have many.
+        const std::uint32_t rows = block.exclusive_sums(shared.rows);
         block.each_thread([&](int t) {
-            if (t == 0) memory.block_places[block.index()] = total;
+            for (auto r = static_cast<std::uint32_t>(t); r < rows; r += threads) {
+                const std::uint32_t own = BlockTiles::search(shared.rows, r);
+                const std::uint32_t y = r - shared.rows[own];
+                TileSpans& spans = tiles.spans[own];
+                const Cover<A::support, float> cover{shared.footprint[own], width, height};
+                const Span x =
+                    cover.columns(spans.first + static_cast<int>(y), shared.pixels[own]);
+                block.add(shared.count + own, static_cast<std::uint32_t>(x.end - x.begin));
+                if (spans.rows > TileSpans::most) continue;
+                spans.begin[y] = static_cast<std::uint16_t>(x.begin);
+                spans.end[y] = static_cast<std::uint16_t>(x.end);
+            }
         });
+        block.each_thread([&](int t) {
+            const std::uint32_t i = base + static_cast<std::uint32_t>(t);
+            tiles.put(block, t, shared.count[t]);
+            if (i >= memory.count) return;
+            memory.places[i] = shared.count[t];
+            memory.spans[i] = tiles.spans[t];
+            if (tiles.spans[t].rows > TileSpans::most) memory.footprint[i] = shared.footprint[t];
+        });
+        const std::uint32_t total = block.exclusive_sums(shared.count);
+        block.each_thread([&](int t) {
+            if (t != 0) return;
+            shared.base = block.add(&memory.report->ranked, total);
+            memory.block_places[block.index()] = total;
+            memory.block_ranks[block.index()] = shared.base;
+        });
+        tiles.template each<A::support>(
+            block, shared.footprint, width, height,
+            [&](const BlockTiles::Task& k) {
+                return block.add(memory.counter(k.row, k.column), 1U);
+            },
+            [&](const BlockTiles::Task& k, std::uint32_t rank) {
+                const std::uint32_t at = shared.base + shared.count[k.own] + k.rank;
+                if (at < memory.entries) memory.rank[at] = rank;
+            });
     }
 
   private:
@@ -164,36 +130,28 @@ struct ProjectKernel {
         return finite;
     }
 
-    /// Writes a Gaussian's record and, if it is visible, its rows of tiles; returns the number of
-    /// tiles.
-    RYE_DEVICE std::uint32_t reach(std::uint32_t i, TileSpans& spans) const {
+    /// Writes a Gaussian's record, and finds its rows if it is visible.
+    RYE_DEVICE void reach(Shared& shared, std::uint32_t i, int t) const {
         typename DeviceLens<D>::Held held;
         lens.put(held);
         const Projected<float, A::antialias> s =
             project<A::antialias>(shape_of(g, i), held.projector);
         const float opacity = g.opacity.data[i];
-        if (!s.drawable || !(opacity > 0.0F)) return 0;
+        if (!s.drawable || !(opacity > 0.0F)) return;
         const Splat<float> splat = make_splat(s, kept_opacity(s, opacity), accuracy);
-        if (!(splat.log2_opacity > splat.cut)) return 0;
+        if (!(splat.log2_opacity > splat.cut)) return;
         const Cover<A::support, float> cover{footprint_of<A>(s, splat, cx, cy), width, height};
         const Span rows = cover.rows();
-        if (!(rows.begin < rows.end && width > 0)) return 0;
+        if (!(rows.begin < rows.end && width > 0)) return;
         memory.record[i] = {{splat.x, splat.y, splat.ux, splat.vx},
                             {splat.vy, splat.log2_opacity, splat.depth, splat.floor}};
+        shared.footprint[t] = cover.f;
+        shared.pixels[t] = rows;
         const int first = rows.begin / tile_edge;
-        const int last = (rows.end + tile_edge - 1) / tile_edge;
+        TileSpans& spans = shared.tiles.spans[t];
         spans.first = static_cast<std::uint16_t>(first);
-        spans.rows = static_cast<std::uint16_t>(last - first);
-        if (last - first > TileSpans::most) memory.footprint[i] = cover.f;
-        std::uint32_t places = 0;
-        for (int y = first; y < last; ++y) {
-            const Span x = cover.columns(y, rows);
-            places += static_cast<std::uint32_t>(x.end - x.begin);
-            if (last - first > TileSpans::most) continue;
-            spans.begin[y - first] = static_cast<std::uint16_t>(x.begin);
-            spans.end[y - first] = static_cast<std::uint16_t>(x.end);
-        }
-        return places;
+        spans.rows =
+            static_cast<std::uint16_t>((rows.end + tile_edge - 1) / tile_edge - first);
     }
 
   public:
@@ -207,94 +165,94 @@ struct ProjectKernel {
     }
 };
 
-/// Computes the beginning of each tile's list, the beginning of each block's places, and the order
-/// in which tiles are drawn: by length, the longest first, so that no long list begins last.
+/// Computes the beginning of each tile's list, the number of places before each block's, and the
+/// order in which tiles are drawn: by length, the longest first, so that no long list begins last.
 struct ScanKernel {
     static constexpr const char* name = "scan of tiles";
     static constexpr int threads = 1024, blocks = 1;
+    static constexpr int each = 8; ///< numbers of a thread at a time
     /// Shared memory of a block.
     struct Shared {
         std::uint64_t wide[threads]; // a sum of 32 bits would hide too many entries
-        std::uint32_t sums[threads];
-        std::uint32_t in_class[threads]; ///< tiles of each length, the longest first
+        std::uint32_t in_class[threads];       ///< tiles of each length, the longest first
+        std::uint32_t number[each * threads + threads]; ///< some of those that are summed
     };
     FrameMemory memory;
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
-        const std::uint32_t run = (memory.tiles + threads - 1) / threads;
         block.each_thread([&](int t) { shared.in_class[t] = 0; });
-        block.each_thread([&](int t) {
-            std::uint64_t n = 0;
-            each(
-                t, run, memory.tiles, [&](std::uint32_t k) { return *memory.counter(k); },
-                [&](std::uint32_t, std::uint32_t here) {
-                    n += here;
-                    block.add(shared.in_class + class_of(here), 1U);
-                });
-            shared.wide[t] = n;
-        });
-        const std::uint64_t total = block.exclusive_sums(shared.wide);
+        const std::uint64_t total = sums(
+            block, shared, memory.tiles,
+            [&](std::uint32_t k) {
+                const std::uint32_t here = *memory.counter(k);
+                block.add(shared.in_class + class_of(here), 1U);
+                return here;
+            },
+            memory.begin);
         const bool fits = total <= memory.entries;
         block.exclusive_sums(shared.in_class);
         block.each_thread([&](int t) {
+            for (auto k = static_cast<std::uint32_t>(t); k < memory.tiles; k += threads)
+                memory.order[block.add(shared.in_class + class_of(*memory.counter(k)), 1U)] = k;
             if (t != 0) return;
-            memory.begin[memory.tiles] = fits ? static_cast<std::uint32_t>(total) : 0U;
+            memory.begin[memory.tiles] = static_cast<std::uint32_t>(total);
             memory.report->entries_low = static_cast<std::uint32_t>(total);
             memory.report->entries_high = static_cast<std::uint32_t>(total >> 32U);
             memory.report->overflow = fits ? 0U : 1U;
         });
-        block.each_thread([&](int t) {
-            auto at = static_cast<std::uint32_t>(shared.wide[t]);
-            each(
-                t, run, memory.tiles, [&](std::uint32_t k) { return *memory.counter(k); },
-                [&](std::uint32_t k, std::uint32_t here) {
-                    memory.begin[k] = *memory.counter(k) = fits ? at : 0U; // now where to put
-                    at += fits ? here : 0U;
-                    memory.order[block.add(shared.in_class + class_of(here), 1U)] = k;
-                });
-        });
-        places(block, shared);
+        if (!fits)
+            block.each_thread([&](int t) {
+                for (auto k = static_cast<std::uint32_t>(t); k <= memory.tiles; k += threads)
+                    memory.begin[k] = 0;
+            });
+        sums(
+            block, shared, memory.blocks,
+            [&](std::uint32_t k) { return memory.block_places[k]; }, memory.block_places);
     }
 
   private:
-    /// Replaces the number of places of each block of Gaussians by the number before it.
-    template <class Block>
-    RYE_DEVICE void places(Block& block, Shared& shared) const {
-        const std::uint32_t run = (memory.blocks + threads - 1) / threads;
-        block.each_thread([&](int t) {
-            std::uint32_t n = 0;
-            each(
-                t, run, memory.blocks, [&](std::uint32_t k) { return memory.block_places[k]; },
-                [&](std::uint32_t, std::uint32_t here) { n += here; });
-            shared.sums[t] = n;
-        });
-        block.exclusive_sums(shared.sums);
-        block.each_thread([&](int t) {
-            std::uint32_t at = shared.sums[t];
-            each(
-                t, run, memory.blocks, [&](std::uint32_t k) { return memory.block_places[k]; },
-                [&](std::uint32_t k, std::uint32_t here) {
-                    memory.block_places[k] = at;
-                    at += here;
+    /// Writes the sum of the numbers before each of n to `to`, which may be where they are read;
+    /// returns the sum of all. Neighbouring threads read and write neighbours.
+    template <class Block, class Read>
+    RYE_DEVICE static std::uint64_t sums(Block& block, Shared& shared, std::uint32_t n,
+                                         const Read& read, std::uint32_t* to) {
+        constexpr std::uint32_t some = each * threads;
+        const auto at = [](std::uint32_t k) { return k + k / each; }; // in other banks
+        std::uint64_t sum = 0;
+        for (std::uint32_t from = 0; from < n; from += some) {
+            block.each_thread([&](int t) {
+                repeated<each>([&](auto e) {
+                    const auto k = static_cast<std::uint32_t>(t + e * threads);
+                    shared.number[at(k)] = from + k < n ? read(from + k) : 0U;
                 });
-        });
-    }
-
-    /// Calls f(k, read(k)) for the numbers of thread t, whose reads run together.
-    template <class Read, class F>
-    RYE_DEVICE static void each(int t, std::uint32_t run, std::uint32_t n, const Read& read,
-                                const F& f) {
-        constexpr int at_once = 8;
-        const std::uint32_t begin = static_cast<std::uint32_t>(t) * run;
-        const std::uint32_t end = rye::min(begin + run, n);
-        for (std::uint32_t b = begin; b < end; b += at_once) {
-            std::uint32_t x[at_once];
-            repeated<at_once>([&](auto k) { x[k] = b + k < end ? read(b + k) : 0U; });
-            repeated<at_once>([&](auto k) {
-                if (b + k < end) f(b + k, x[k]);
             });
+            block.each_thread([&](int t) {
+                std::uint64_t own = 0;
+                repeated<each>([&](auto e) {
+                    own += shared.number[at(static_cast<std::uint32_t>(t * each + e))];
+                });
+                shared.wide[t] = own;
+            });
+            const std::uint64_t here = block.exclusive_sums(shared.wide);
+            block.each_thread([&](int t) {
+                auto before = static_cast<std::uint32_t>(sum + shared.wide[t]);
+                repeated<each>([&](auto e) {
+                    std::uint32_t& x = shared.number[at(static_cast<std::uint32_t>(t * each + e))];
+                    const std::uint32_t own = x;
+                    x = before;
+                    before += own;
+                });
+            });
+            block.each_thread([&](int t) {
+                repeated<each>([&](auto e) {
+                    const auto k = static_cast<std::uint32_t>(t + e * threads);
+                    if (from + k < n) to[from + k] = shared.number[at(k)];
+                });
+            });
+            sum += here;
         }
+        return sum;
     }
     /// Returns the class of a list's length, one for every four entries.
     RYE_DEVICE static std::uint32_t class_of(std::uint32_t n) {
@@ -310,7 +268,8 @@ struct BinKernel {
     /// Shared memory of a block.
     struct Shared {
         BlockTiles tiles;
-        std::uint32_t places[threads], key[threads];
+        std::uint32_t before[threads]; ///< places of Gaussians before each
+        std::uint32_t key[threads];
     };
     int width, height;
     FrameMemory memory;
@@ -319,38 +278,45 @@ struct BinKernel {
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         if (memory.report->overflow != 0) return;
         const auto base = static_cast<std::uint32_t>(block.index()) * threads;
+        BlockTiles& tiles = shared.tiles;
         block.each_thread([&](int t) {
-            if (t == 0) shared.tiles.tall = 0;
+            if (t == 0) tiles.tall = 0;
         });
         block.each_thread([&](int t) {
             const std::uint32_t i = base + static_cast<std::uint32_t>(t);
-            TileSpans& spans = shared.tiles.spans[t];
-            spans.first = spans.rows = 0;
+            tiles.spans[t].first = tiles.spans[t].rows = 0;
             std::uint32_t places = 0, key = 0;
             if (i < memory.count) {
                 places = memory.places[i];
-                spans = memory.spans[i];
-                if (spans.rows > 0) key = depth_key(memory.record[i].shape.z);
+                if (places > 0) {
+                    tiles.spans[t] = memory.spans[i];
+                    key = depth_key(memory.record[i].shape.z);
+                }
             }
-            shared.places[t] = places;
+            shared.before[t] = places;
             shared.key[t] = key;
-            shared.tiles.put(block, t, places);
+            tiles.put(block, t, places);
         });
-        block.exclusive_sums(shared.places);
+        block.exclusive_sums(shared.before);
         const std::uint32_t before = memory.block_places[block.index()];
-        shared.tiles.template each<A::support>(
+        const std::uint32_t ranks = memory.block_ranks[block.index()];
+        const bool kept = memory.groups > 0;
+        tiles.template each<A::support>(
             block, memory.footprint + base, width, height,
-            [&](int own, std::uint32_t rank, int row, int column) {
-                const std::uint32_t place = before + shared.places[own] + rank;
-                const std::uint32_t at = block.add(memory.counter(row, column), 1U);
-                memory.owner[place] = base + static_cast<std::uint32_t>(own);
+            [&](const BlockTiles::Task& k) {
+                return Array<std::uint32_t, 2>{
+                    {memory.begin[memory.tile(k.row, k.column)],
+                     memory.rank[ranks + shared.before[k.own] + k.rank]}};
+            },
+            [&](const BlockTiles::Task& k, const Array<std::uint32_t, 2>& at) {
+                const std::uint32_t owner = base + k.own;
+                const std::uint32_t place = before + shared.before[k.own] + k.rank;
+                memory.key[at[0] + at[1]] = std::uint64_t(shared.key[k.own]) << 32U |
+                                            (kept ? place : owner);
+                if (!kept) return;
+                memory.owner[place] = owner;
                 reinterpret_cast<std::uint32_t*>(memory.touched)[place] = 0;
-                memory.key[at] = std::uint64_t(shared.key[own]) << 32U | place;
             });
-        block.each_thread([&](int t) {
-            const std::uint32_t i = base + static_cast<std::uint32_t>(t);
-            if (i < memory.count) memory.first[i] = before + shared.places[t];
-        });
     }
 };
 

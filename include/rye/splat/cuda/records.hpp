@@ -52,6 +52,7 @@ struct FrameReport {
     std::uint32_t entries_low, entries_high; ///< pairs of a tile and a Gaussian, 64 bits
     std::uint32_t groups;                    ///< groups of visits, and at most one a strip more
     std::uint32_t overflow;                  ///< entries did not fit: nothing was drawn
+    std::uint32_t ranked;                    ///< room taken for the ranks of entries
 };
 
 namespace detail {
@@ -68,18 +69,20 @@ struct FrameMemory {
     SplatRecord* record;
     TileSpans* spans;
     Footprint<float>* footprint; ///< only if there are more rows of tiles than spans hold
-    std::uint32_t* first;        ///< its places are [first, first + count)
     std::uint32_t* places;       ///< number of places
     std::uint32_t* block_places; ///< [blocks]: number of places in it, then before it
+    std::uint32_t* block_ranks;  ///< [blocks]: where the ranks of its entries are
     // By tile.
-    std::uint32_t* counters; ///< number of entries, then index of the next one
+    std::uint32_t* counters; ///< number of entries
     std::uint32_t* begin;    ///< tile t has entries [begin[t], begin[t + 1])
     std::uint32_t* order;    ///< tiles, the longest lists first
     std::uint32_t* last;     ///< [strips] last group of the strip, or none_of
     // By entry.
-    std::uint64_t* key;    ///< depth, then place; in the tile's list in any order
+    std::uint64_t* key;    ///< depth, then place, or Gaussian if nothing is kept; in any order
     std::uint32_t* sorted; ///< Gaussians near to far, as far as they were sorted
-    // By place: a pair of a Gaussian and a tile, in the order of Gaussians, then of tiles.
+    std::uint32_t* rank;   ///< until lists are made, in the memory of `sorted`: places in lists
+    // By place: a pair of a Gaussian and a tile, in the order of Gaussians, then of tiles. None if
+    // nothing is kept for a vjp.
     std::uint32_t* owner;  ///< the Gaussian
     std::uint8_t* touched; ///< [strips] 1 if the strip has a slot
     std::uint32_t* slot;   ///< [strips] index of the slot, if there is one
@@ -96,9 +99,11 @@ struct FrameMemory {
     RYE_DEVICE std::uint32_t* counter(std::uint32_t tile) const {
         return counters + std::size_t(tile) * apart;
     }
+    RYE_DEVICE std::uint32_t tile(int row, int column) const {
+        return static_cast<std::uint32_t>(row) * columns + static_cast<std::uint32_t>(column);
+    }
     RYE_DEVICE std::uint32_t* counter(int row, int column) const {
-        return counter(static_cast<std::uint32_t>(row) * columns +
-                       static_cast<std::uint32_t>(column));
+        return counter(tile(row, column));
     }
 };
 
