@@ -77,6 +77,11 @@ struct SinglePixel {
     RYE_HD static V at_most(const V& most, const V& x) {
         return select(x < most, x, most);
     }
+    /// Returns true where x, which `at_most` returned, moves with what it was given.
+    template <class V>
+    RYE_HD static auto moves(const V& most, const V& x) {
+        return x < most;
+    }
     /// Returns the transmittance behind a contribution.
     template <class V>
     RYE_HD static V behind(const V& before, const V& alpha, const V&) {
@@ -117,6 +122,10 @@ struct PixelGroup {
     template <class V>
     [[gnu::always_inline]] RYE_HD static V at_most(const V& most, const V& x) {
         return min(most, x);
+    }
+    template <class V>
+    [[gnu::always_inline]] RYE_HD static auto moves(const V& most, const V& x) {
+        return x < most;
     }
     template <class V>
     [[gnu::always_inline]] RYE_HD static V behind(const V& before, const V&, const V& weight) {
@@ -278,7 +287,7 @@ struct Blend {
             more = Pixels::when(Pixels::settled(c.weight > V(R(0))), more);
         b = in_front(b, c.alpha, more);
         if constexpr (Pixels::slope_from_weight && !A::has_floor) {
-            const V slope = Pixels::when(c.alpha < alpha_max, V(c.weight * more));
+            const V slope = Pixels::when(Pixels::moves(alpha_max, c.alpha), V(c.weight * more));
             return {slope, slope};
         }
         // With the bell o e: d alpha / d exponent = o e, o d alpha / d o = o e - o f = alpha.
@@ -287,7 +296,7 @@ struct Blend {
             const V exponent = g_alpha * c.bell;
             return {exponent, exponent - Pixels::when(c.bell > V(R(0)), V(g_alpha * floor))};
         } else {
-            g_alpha = Pixels::when(c.alpha < alpha_max, g_alpha);
+            g_alpha = Pixels::when(Pixels::moves(alpha_max, c.alpha), g_alpha);
             const V opacity = g_alpha * c.alpha;
             if constexpr (A::has_floor)
                 return {Pixels::add_product(opacity, g_alpha, floor), opacity};

@@ -79,10 +79,7 @@ struct BlendKernel {
             open = (shared.open[0] | shared.open[1] | shared.open[2] | shared.open[3]) != 0;
         }
         block.each_warp([&](int w) {
-            if (memory.groups > 0)
-                W::write_where(W::lane() == typename W::U(0), memory.last,
-                               typename W::U(tile * tile_strips + static_cast<std::uint32_t>(w)),
-                               typename W::U(state[w].last));
+            if (memory.groups > 0) keep_strip<W>(state[w], tile, w);
             StripOutput<A, C>{memory, scene, images}.template write<W>(state[w], tile, w, begin);
         });
     }
@@ -215,6 +212,19 @@ struct BlendKernel {
         s.group = W::take_one(&memory.report->groups); // the next group, early to hide latency
     }
 
+    /// Keeps a strip's last group, and lists it with those that have as many.
+    template <class W>
+    RYE_DEVICE void keep_strip(const StripSums<W, A, C>& s, std::uint32_t tile, int w) const {
+        using U = typename W::U;
+        const std::uint32_t strip = tile * tile_strips + static_cast<std::uint32_t>(w);
+        const auto first = W::lane() == U(0);
+        W::write_where(first, memory.last, U(strip), U(s.last));
+        if (s.last == none_of) return;
+        const std::uint32_t of = FrameMemory::class_of(s.done / group_visits);
+        const std::uint32_t at = W::take_one(memory.walked + of);
+        W::write_where(first, memory.walked_of, U(of * memory.tiles * tile_strips + at), U(strip));
+    }
+
     template <class W>
     RYE_DEVICE void group(const Found& found, StripSums<W, A, C>& s,
                           const StripPixels<W>& pixels) const {
@@ -234,9 +244,22 @@ struct BlendKernel {
                 return r;
             },
             pixels.x, pixels.y, accuracy);
+        with_rules<W>(accuracy, v, [&](const auto& by) { rows<W>(found, s, v, by, first); });
+        auto open = rules.one_visit.open(s.transmittance[0]);
+        repeated<7>([&](auto j) { open = open || rules.one_visit.open(s.transmittance[j + 1]); });
+        s.open = W::any(open);
+    }
+
+    /// Blends a group's visits into all rows of the strip by the rules `by`.
+    template <class W, class Rules>
+    RYE_DEVICE void rows([[maybe_unused]] const Found& found, StripSums<W, A, C>& s,
+                         const Visits<W, A>& v, const Rules& by,
+                         const typename W::U& first) const {
+        using F = typename W::F;
+        using U = typename W::U;
         const auto row = [&](auto j) {
-            const Taken<W> t = rules.take(v, j, s.transmittance[j]);
-            s.transmittance[j] = rules.behind(t, s.transmittance[j]);
+            const Taken<W> t = by.take(v, j, s.transmittance[j]);
+            s.transmittance[j] = by.behind(t, s.transmittance[j]);
             if constexpr (A::outputs.depth)
                 repeated<4>([&](auto i) {
                     s.depth[j] = W::fma(t.visit[i].weight, v.depth[i], s.depth[j]);
@@ -279,9 +302,6 @@ struct BlendKernel {
                 });
             });
         }
-        auto open = rules.one_visit.open(s.transmittance[0]);
-        repeated<7>([&](auto j) { open = open || rules.one_visit.open(s.transmittance[j + 1]); });
-        s.open = W::any(open);
     }
 };
 

@@ -31,12 +31,16 @@ struct DeviceFrameShape {
         return gaussians + 2 * blocks() + std::size_t(2 + detail::tile_strips) * tiles + 2;
     }
     std::size_t counters() const {
-        return tiles * detail::FrameMemory::apart + sizeof(FrameReport) / 4;
+        return tiles * detail::FrameMemory::apart + sizeof(FrameReport) / 4 +
+               detail::FrameMemory::classes;
     }
     std::size_t entry_words() const {
         return (groups > 0 ? std::size_t(3 + detail::tile_strips) : std::size_t(1)) * entries;
     }
-    std::size_t group_words() const { return groups * std::size_t(2 * detail::group_visits + 1); }
+    std::size_t group_words() const {
+        return groups * std::size_t(2 * detail::group_visits + 1) +
+               (groups > 0 ? detail::FrameMemory::classes * tiles * detail::tile_strips : 0U);
+    }
     std::size_t transmittances() const { return groups * 64; }
     std::size_t partials() const { return groups * std::size_t(detail::group_visits) * stride; }
 
@@ -86,19 +90,22 @@ struct DeviceFrame {
         place(queue, counters_, m.counters, of.counters());
         m.report =
             reinterpret_cast<FrameReport*>(m.counters + of.tiles * detail::FrameMemory::apart);
+        m.walked = reinterpret_cast<std::uint32_t*>(m.report + 1);
         place(queue, keys_, m.key, of.entries);
-        place(queue, entry_words_, m.sorted, of.entry_words());
-        m.rank = m.sorted;
-        if (of.groups > 0) {
-            m.owner = m.sorted + of.entries;
-            m.slot = m.owner + of.entries;
-            m.touched = reinterpret_cast<std::uint8_t*>(
-                m.slot + std::size_t(detail::tile_strips) * of.entries);
+        std::uint32_t* words = nullptr;
+        place(queue, entry_words_, words, of.entry_words());
+        if (of.groups > 0) { // slots begin where 16 bytes do
+            m.slot = reinterpret_cast<detail::StripSlots*>(words);
+            words += std::size_t(detail::tile_strips) * of.entries;
+            m.owner = words + of.entries;
+            m.touched = reinterpret_cast<std::uint8_t*>(m.owner + of.entries);
         }
+        m.sorted = m.rank = words;
         m.entries = static_cast<std::uint32_t>(of.entries);
         m.groups = static_cast<std::uint32_t>(of.groups);
         place(queue, group_words_, m.visits, of.group_words());
         m.before = m.visits + of.groups * std::size_t(2 * detail::group_visits);
+        m.walked_of = m.before + of.groups;
         place(queue, transmittance_, m.transmittance, of.transmittances());
         place(queue, partial_, m.partial, of.partials());
     }

@@ -170,7 +170,7 @@ struct ProjectKernel {
 struct ScanKernel {
     static constexpr const char* name = "scan of tiles";
     static constexpr int threads = 1024, blocks = 1;
-    static constexpr int each = 8; ///< numbers of a thread at a time
+    static constexpr int each = 4; ///< numbers of a thread at a time
     /// Shared memory of a block.
     struct Shared {
         std::uint64_t wide[threads]; // a sum of 32 bits would hide too many entries

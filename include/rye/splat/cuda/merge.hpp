@@ -19,13 +19,16 @@ struct MergeKernel {
     /// Gaussian. Slots of many channels leave shared memory for 4.
     static constexpr int of_thread = Layout::products ? 4 : 5;
     static constexpr std::uint32_t chunk = of_thread * threads;
+    /// Parts of the slots that are added at once, each by a thread for every four numbers.
+    static constexpr std::uint32_t parts = threads / quads;
     /// Shared memory of a block.
     struct Shared {
         alignas(16) float sum[threads][Layout::stride];
-        std::uint32_t first[threads]; ///< place of each Gaussian in the block's
-        std::uint32_t found[threads];
-        std::uint32_t before[chunk + 1]; ///< slots of places before each
+        Quad4 carry[parts * quads];     ///< sums of the Gaussian that a part begins within
+        std::uint32_t carried[parts];   ///< that Gaussian, or none_of
+        std::uint32_t found[threads];   ///< a thread's slots, then those of threads before it
         std::uint32_t slot[chunk * tile_strips];
+        std::uint8_t own[chunk * tile_strips]; ///< the slot's Gaussian
     };
     DeviceGaussians<const float> g;
     DeviceGaussians<float> out;
@@ -41,17 +44,16 @@ struct MergeKernel {
         if (memory.report->overflow != 0) return;
         block.each_thread([&](int t) {
             const std::uint32_t i = base + static_cast<std::uint32_t>(t);
-            shared.first[t] = i < memory.count ? memory.places[i] : 0U;
+            shared.found[t] = i < memory.count ? memory.places[i] : 0U;
             for (float& x : shared.sum[t]) x = 0;
         });
-        const std::uint32_t places = block.exclusive_sums(shared.first);
+        const std::uint32_t places = block.exclusive_sums(shared.found);
         const std::size_t start = memory.block_places[block.index()];
         for (std::uint32_t at = 0; at < places; at += chunk) {
-            find(block, shared, start + at, rye::min(places - at, std::uint32_t(chunk)));
-            block.each_thread([&](int t) {
-                for (int k = t; k < threads * quads; k += threads)
-                    add_slots(shared, k / quads, k % quads, at, places);
-            });
+            const std::uint32_t found = find(block, shared, base, start + at,
+                                             rye::min(places - at, std::uint32_t(chunk)));
+            block.each_thread([&](int t) { add_part(shared, t / quads, t % quads, found); });
+            block.each_thread([&](int t) { add_carries(shared, t / quads, t % quads); });
         }
         block.each_thread([&](int t) {
             for (int k = t; k < threads * channels; k += threads) {
@@ -66,77 +68,102 @@ struct MergeKernel {
     }
 
   private:
-    /// Lists the slots of a chunk of places, in the order of places, then of strips.
+    /// Lists the slots of a chunk of places, in the order of places, then of strips; returns how
+    /// many.
     template <class Block>
-    RYE_DEVICE void find(Block& block, Shared& shared, std::size_t from,
-                         std::uint32_t count) const {
+    RYE_DEVICE std::uint32_t find(Block& block, Shared& shared, std::uint32_t base,
+                                  std::size_t from, std::uint32_t count) const {
         const auto* const touched = reinterpret_cast<const std::uint32_t*>(memory.touched) + from;
-        auto flags = block.template of_threads<Array<std::uint32_t, std::size_t(of_thread)>>();
-        auto slots =
-            block.template of_threads<Array<std::uint32_t, std::size_t(of_thread * tile_strips)>>();
+        struct Found {
+            std::uint32_t flags[std::size_t(of_thread)], owner[std::size_t(of_thread)];
+            StripSlots slots[std::size_t(of_thread)];
+        };
+        auto own = block.template of_threads<Found>();
         block.each_thread([&](int t) {
             std::uint32_t n = 0;
+            Found& f = own[t];
             repeated<of_thread>([&](auto e) {
                 const std::uint32_t place = of_thread * static_cast<std::uint32_t>(t) + e;
-                flags[t][e] = place < count ? touched[place] : 0U;
+                f.flags[e] = place < count ? touched[place] : 0U;
             });
             // All under way together, and while the block counts.
             repeated<of_thread>([&](auto e) {
-                const std::uint32_t place = of_thread * static_cast<std::uint32_t>(t) + e;
-                repeated<tile_strips>([&](auto s) {
-                    slots[t][tile_strips * e + s] =
-                        (flags[t][e] >> (8 * s) & 1U) != 0
-                            ? memory.slot[(from + place) * tile_strips + s]
-                            : 0U;
-                });
+                const std::size_t place =
+                    from + of_thread * static_cast<std::uint32_t>(t) + std::uint32_t(e);
+                if (f.flags[e] == 0) return;
+                f.owner[e] = memory.owner[place] - base;
+                f.slots[e] = memory.slot[place];
             });
             repeated<of_thread>(
-                [&](auto e) { n += static_cast<std::uint32_t>(Block::bits_set(flags[t][e])); });
+                [&](auto e) { n += static_cast<std::uint32_t>(Block::bits_set(f.flags[e])); });
             shared.found[t] = n;
         });
         const std::uint32_t total = block.exclusive_sums(shared.found);
         block.each_thread([&](int t) {
             std::uint32_t at = shared.found[t];
             repeated<of_thread>([&](auto e) {
-                const std::uint32_t place = of_thread * static_cast<std::uint32_t>(t) + e;
-                shared.before[place] = at;
                 repeated<tile_strips>([&](auto s) {
-                    if ((flags[t][e] >> (8 * s) & 1U) != 0)
-                        shared.slot[at++] = slots[t][tile_strips * e + s];
+                    if ((own[t].flags[e] >> (8 * s) & 1U) == 0) return;
+                    shared.own[at] = static_cast<std::uint8_t>(own[t].owner[e]);
+                    shared.slot[at++] = own[t].slots[e].of[s];
                 });
             });
-            if (t == 0) shared.before[chunk] = total;
         });
+        return total;
     }
 
-    /// Adds four numbers of a Gaussian's slots among those found: of places from `at` on.
-    RYE_DEVICE void add_slots(Shared& shared, int own, int quad, std::uint32_t at,
-                              std::uint32_t places) const {
+    /// Adds four numbers of the slots of a part, which may begin and end within a Gaussian's: those
+    /// that begin before it are kept apart, so that each sum has one writer.
+    RYE_DEVICE void add_part(Shared& shared, int part, int quad, std::uint32_t found) const {
+        if (part >= int(parts)) return;
         const auto* const partial = reinterpret_cast<const Quad4*>(memory.partial);
-        const std::uint32_t begin = rye::max(shared.first[own], at);
-        const std::uint32_t end =
-            rye::min(own + 1 < threads ? shared.first[own + 1] : places, at + chunk);
-        if (begin >= end) return;
-        auto* const to = reinterpret_cast<Quad4*>(shared.sum[own]) + quad;
-        Quad4 sum = *to;
-        const std::uint32_t last = shared.before[end - at];
+        const std::uint32_t length = (found + parts - 1) / parts;
+        const std::uint32_t begin = static_cast<std::uint32_t>(part) * length;
+        const std::uint32_t end = rye::min(begin + length, found);
+        std::uint32_t now = begin < end ? shared.own[begin] : none_of;
+        bool carried = begin > 0 && begin < end && shared.own[begin - 1] == now;
+        if (quad == 0) shared.carried[part] = carried ? now : none_of;
+        Quad4 sum{0, 0, 0, 0};
+        const auto put = [&] {
+            if (carried) {
+                shared.carry[part * quads + quad] = sum;
+            } else if (now != none_of) {
+                Quad4& to = reinterpret_cast<Quad4*>(shared.sum[now])[quad];
+                to = added(to, sum);
+            }
+            carried = false;
+            sum = {0, 0, 0, 0};
+        };
         // A few at a time: their loads are under way together.
-        constexpr int at_once = 4;
-        for (std::uint32_t k = shared.before[begin - at]; k < last; k += at_once) {
+        constexpr int at_once = 6;
+        for (std::uint32_t k = begin; k < end; k += at_once) {
             Quad4 p[at_once];
             repeated<at_once>([&](auto e) {
-                p[e] = k + e < last ? partial[std::size_t(shared.slot[k + e]) * quads +
-                                              static_cast<std::size_t>(quad)]
-                                    : Quad4{0, 0, 0, 0};
+                if (k + e < end)
+                    p[e] = partial[std::size_t(shared.slot[k + e]) * quads +
+                                   static_cast<std::size_t>(quad)];
             });
             repeated<at_once>([&](auto e) {
-                sum.x += p[e].x;
-                sum.y += p[e].y;
-                sum.z += p[e].z;
-                sum.w += p[e].w;
+                if (k + e >= end) return;
+                const std::uint32_t own = shared.own[k + e];
+                if (own != now) put();
+                now = own;
+                sum = added(sum, p[e]);
             });
         }
-        *to = sum;
+        put();
+    }
+    /// Adds what parts have kept apart, in their order.
+    RYE_DEVICE void add_carries(Shared& shared, int part, int quad) const {
+        if (part >= int(parts)) return;
+        const std::uint32_t own = shared.carried[part];
+        if (own == none_of || (part > 0 && shared.carried[part - 1] == own)) return;
+        Quad4& to = reinterpret_cast<Quad4*>(shared.sum[own])[quad];
+        for (; part < int(parts) && shared.carried[part] == own; ++part)
+            to = added(to, shared.carry[part * quads + quad]);
+    }
+    RYE_DEVICE static Quad4 added(const Quad4& a, const Quad4& b) {
+        return {a.x + b.x, a.y + b.y, a.z + b.z, a.w + b.w};
     }
 
     RYE_DEVICE void pull_back(const float* sum, std::uint32_t i) const {

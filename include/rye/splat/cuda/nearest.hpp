@@ -10,6 +10,9 @@
 
 #include <rye/splat/cuda/records.hpp>
 
+#ifndef RYE_PART
+#define RYE_PART 256
+#endif
 namespace rye::detail {
 
 /// The nearest keys of a tile's list that are not taken yet, by buckets, in shared memory.
@@ -86,7 +89,7 @@ struct NearestFirst {
     /// Keys of a bucket up to which each looks at the others.
     static constexpr std::uint32_t rank_most = 64;
     /// Keys of the first part, about: most pixels need no more of a long list.
-    static constexpr std::uint32_t first_part = 256;
+    static constexpr std::uint32_t first_part = RYE_PART;
 
     /// Calls f for this thread's keys, whose reads run together.
     template <class F>

@@ -76,14 +76,19 @@ struct DeviceRasterizer {
         const Device& device = frame.device;
         device.fill(queue, m.counters, 0,
                     std::size_t(m.tiles) * detail::FrameMemory::apart * sizeof(std::uint32_t) +
-                        sizeof(FrameReport));
+                        sizeof(FrameReport) +
+                        detail::FrameMemory::classes * sizeof(std::uint32_t));
         device.launch(queue, m.blocks,
                       detail::ProjectKernel<A, D>{g, lens(camera), accuracy, camera.cx, camera.cy,
                                                   camera.width, camera.height, m});
         device.launch(queue, 1, detail::ScanKernel{m});
         device.launch(queue, m.blocks, detail::BinKernel<A>{camera.width, camera.height, m});
         each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
-            if (first > 0) device.fill(queue, &m.report->groups, 0, sizeof(std::uint32_t));
+            if (first > 0) {
+                device.fill(queue, &m.report->groups, 0, sizeof(std::uint32_t));
+                device.fill(queue, m.walked, 0,
+                            detail::FrameMemory::classes * sizeof(std::uint32_t));
+            }
             device.launch(queue, m.tiles,
                           detail::BlendKernel<A, C()>{
                               m, scene(g, background, camera, first, channels), images, accuracy});

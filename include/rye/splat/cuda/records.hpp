@@ -44,6 +44,11 @@ struct alignas(16) TileSpans {
     std::uint16_t begin[most], end[most];
 };
 
+/// Numbers of the slots that a pair of a Gaussian and a tile has in the tile's strips.
+struct alignas(16) StripSlots {
+    std::uint32_t of[4];
+};
+
 } // namespace detail
 
 /// Counts of a render. Sums include what did not fit.
@@ -77,6 +82,9 @@ struct FrameMemory {
     std::uint32_t* begin;    ///< tile t has entries [begin[t], begin[t + 1])
     std::uint32_t* order;    ///< tiles, the longest lists first
     std::uint32_t* last;     ///< [strips] last group of the strip, or none_of
+    // By number of groups, in classes.
+    std::uint32_t* walked;     ///< [classes] strips whose groups are kept
+    std::uint32_t* walked_of;  ///< [classes x strips] those strips, in any order
     // By entry.
     std::uint64_t* key;    ///< depth, then place, or Gaussian if nothing is kept; in any order
     std::uint32_t* sorted; ///< Gaussians near to far, as far as they were sorted
@@ -85,7 +93,7 @@ struct FrameMemory {
     // nothing is kept for a vjp.
     std::uint32_t* owner;  ///< the Gaussian
     std::uint8_t* touched; ///< [strips] 1 if the strip has a slot
-    std::uint32_t* slot;   ///< [strips] index of the slot, if there is one
+    StripSlots* slot;      ///< index of the slot of each strip, if there is one
     // By group of visits of a strip.
     std::uint32_t* before; ///< the strip's group nearer to the eye, or none_of
     std::uint32_t* visits; ///< 16 Gaussians, then their 16 places
@@ -94,6 +102,11 @@ struct FrameMemory {
 
     FrameReport* report;
 
+    /// Classes of strips by their groups.
+    static constexpr std::uint32_t classes = 32;
+    RYE_DEVICE static std::uint32_t class_of(std::uint32_t n) {
+        return n < 16 ? n : rye::min(16 + (n - 16) / 4, classes - 1);
+    }
     /// Counters lie apart: neighbours in a line of the cache would wait for one another.
     static constexpr std::uint32_t apart = 8;
     RYE_DEVICE std::uint32_t* counter(std::uint32_t tile) const {

@@ -42,15 +42,14 @@ struct ReverseKernel {
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         using W = typename Block::Warp;
         if (memory.report->overflow != 0) return;
-        const auto strip = static_cast<std::uint32_t>(block.index());
-        const std::uint32_t tile = memory.order[strip / tile_strips];
+        const std::uint32_t strip = strip_of(static_cast<std::uint32_t>(block.index()));
+        if (strip == none_of) return;
+        const std::uint32_t tile = strip / tile_strips;
         const int w = static_cast<int>(strip % tile_strips);
-        const std::uint32_t last = memory.last[tile * tile_strips + static_cast<std::uint32_t>(w)];
-        if (last == none_of) return;
+        const std::uint32_t last = memory.last[strip];
         block.each_warp([&](int) {
             const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
             const TileCentre centre(scene, tile, memory.columns);
-            const WarpBlend<W, A> rules(accuracy);
             StripCotangents<W, C, extra> s;
             start<W>(shared, s, pixels);
             W::sync(); // the warp has read a row that is overwritten now
@@ -65,7 +64,7 @@ struct ReverseKernel {
                 const Next<W> then = next<W>(late);
                 if (late != none_of) late = memory.before[late];
                 W::wait_for_copies();
-                group<W>(shared, shared.ahead[side], s, pixels, rules, centre, now, w);
+                group<W>(shared, shared.ahead[side], s, pixels, centre, now, w);
                 W::sync();
                 if (soon.group == none_of) break;
                 now = soon;
@@ -75,6 +74,23 @@ struct ReverseKernel {
     }
 
   private:
+    /// Returns the strip that is walked by block k: those of most groups first, so that no long
+    /// walk begins last; none_of if there are fewer.
+    RYE_DEVICE std::uint32_t strip_of(std::uint32_t k) const {
+        constexpr int n = int(FrameMemory::classes);
+        std::uint32_t strips[n], of = none_of;
+        repeated<n>([&](auto c) { strips[c] = memory.walked[c]; });
+        repeated<n>([&](auto c) {
+            constexpr int last = n - 1;
+            if (of != none_of) return;
+            if (k < strips[last - c])
+                of = static_cast<std::uint32_t>(last - c);
+            else
+                k -= strips[last - c];
+        });
+        return of == none_of ? none_of : memory.walked_of[of * memory.tiles * tile_strips + k];
+    }
+
     /// A group, and the Gaussian and the place of visit lane % 16.
     template <class W>
     struct Next {
@@ -252,8 +268,8 @@ struct ReverseKernel {
 
     template <class W>
     RYE_DEVICE void group(const Shared& shared, const Ahead& ahead, StripCotangents<W, C, extra>& s,
-                          const StripPixels<W>& pixels, const WarpBlend<W, A>& rules,
-                          const TileCentre& centre, const Next<W>& now, int w) const {
+                          const StripPixels<W>& pixels, const TileCentre& centre,
+                          const Next<W>& now, int w) const {
         using F = typename W::F;
         using U = typename W::U;
         const U column = W::lane() / U(4) * U(2), first = W::lane() % U(4) * U(4);
@@ -275,6 +291,26 @@ struct ReverseKernel {
         float* const partial =
             memory.partial + std::size_t(now.group) * (group_visits * Layout::stride);
         typename Step::template Moments<W> sum;
+        with_rules<W>(accuracy, v, [&](const auto& rules) {
+            rows<W>(shared, ahead, s, sum, v, rules, before, first, partial);
+        });
+        Step::template add_lanes<W>(v, sum, partial);
+        // Pairs of a Gaussian and a tile learn of their slots.
+        const auto has = W::lane() < U(group_visits) && now.owner < U(none_of);
+        const U place = now.place * U(tile_strips) + U(static_cast<std::uint32_t>(w));
+        W::write_where(has, memory.touched, place, U(1));
+        W::write_where(has, reinterpret_cast<std::uint32_t*>(memory.slot), place, U(now.group * group_visits) + W::lane());
+    }
+
+    /// Steps back over all rows of the strip, and writes what features get.
+    template <class W, class Rules, class Before>
+    RYE_DEVICE void rows([[maybe_unused]] const Shared& shared, const Ahead& ahead,
+                         StripCotangents<W, C, extra>& s, typename Step::template Moments<W>& sum,
+                         const Visits<W, A>& v, const Rules& rules, const Before& before,
+                         [[maybe_unused]] const typename W::U& first,
+                         [[maybe_unused]] float* partial) const {
+        using F = typename W::F;
+        using U = typename W::U;
         if constexpr (Layout::products) {
             const U position = W::lane() / U(4);
             const OverChannels<W> features = over_channels<W>(ahead.feature, visit_at<W>(position),
@@ -331,12 +367,6 @@ struct ReverseKernel {
                 Step::template one_row<W>(s, sum, v, rules, j, before(j), of_row);
             });
         }
-        Step::template add_lanes<W>(v, sum, partial);
-        // Pairs of a Gaussian and a tile learn of their slots.
-        const auto has = W::lane() < U(group_visits) && now.owner < U(none_of);
-        const U place = now.place * U(tile_strips) + U(static_cast<std::uint32_t>(w));
-        W::write_where(has, memory.touched, place, U(1));
-        W::write_where(has, memory.slot, place, U(now.group * group_visits) + W::lane());
     }
 };
 

@@ -51,9 +51,9 @@ struct ReverseStep {
     };
 
     /// Steps back over one row of pixels: from <cotangent, colour> of its visits to their sums.
-    template <class W, class J>
+    template <class W, class Rules, class J>
     RYE_DEVICE static Taken<W> one_row(StripCotangents<W, C, extra>& s, Moments<W>& sum,
-                                       const Visits<W, A>& v, const WarpBlend<W, A>& rules, J j,
+                                       const Visits<W, A>& v, const Rules& rules, J j,
                                        const typename W::F& before,
                                        const Array<typename W::F, 4>& along_visit) {
         using F = typename W::F;

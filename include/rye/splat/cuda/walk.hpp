@@ -25,6 +25,7 @@ struct Visits {
     F rest[4]; ///< log2 o - u^2
     F depth[4];
     F floor[A::has_floor ? 4 : 1], cuts[A::has_floor ? 4 : 1];
+    F most; ///< the largest log2 o
 
     /// splat(i): visit i of the lane; column x and middle row y, from the tile's centre.
     template <class Splats>
@@ -36,6 +37,10 @@ struct Visits {
             v[i] = W::fma(vy[i], F(y), W::fma(s.vx, x, s.v0));
             rest[i] = less(s.log2_opacity, u[i]);
             depth[i] = s.depth;
+            if constexpr (i == 0)
+                most = s.log2_opacity;
+            else
+                most = W::max(most, s.log2_opacity);
             if constexpr (A::has_floor) {
                 floor[i] = s.floor;
                 cuts[i] = W::log2(F(static_cast<float>(accuracy.alpha_min)) + floor[i]);
@@ -67,7 +72,8 @@ struct Visits {
 };
 
 /// The pixels of a warp, for splat/blend.hpp: a group of them, with the instructions of a device.
-template <class W>
+/// clamps: false if no alpha reaches alpha_max.
+template <class W, bool clamps>
 struct WarpPixels : PixelGroup {
     using F = typename W::F;
     static constexpr bool slope_from_weight = true;
@@ -76,7 +82,19 @@ struct WarpPixels : PixelGroup {
     RYE_DEVICE static F when(const M& condition, const F& x) {
         return select(condition, x, F(0.0F));
     }
-    RYE_DEVICE static F at_most(const F& most, const F& x) { return W::min(most, x); }
+    RYE_DEVICE static F when(std::true_type, const F& x) { return x; }
+    RYE_DEVICE static F at_most(const F& most, const F& x) {
+        if constexpr (clamps)
+            return W::min(most, x);
+        else
+            return x;
+    }
+    RYE_DEVICE static auto moves(const F& most, const F& x) {
+        if constexpr (clamps)
+            return x < most;
+        else
+            return std::true_type();
+    }
     RYE_DEVICE static F full(const F& t) { return -W::max(t, -t); }
     RYE_DEVICE static F add_product(const F& c, const F& a, const F& b) { return W::fma(a, b, c); }
 };
@@ -101,10 +119,10 @@ struct Taken {
 namespace detail {
 
 /// The formulas of splat/blend.hpp for four visits of each of four lanes at once.
-template <class W, class A>
+template <class W, class A, bool clamps = true>
 struct WarpBlend {
     using F = typename W::F;
-    Blend<A, F, WarpPixels<W>, WarpExp2<W>> one_visit;
+    Blend<A, F, WarpPixels<W, clamps>, WarpExp2<W>> one_visit;
     F least; ///< the exponent at the cut
 
     RYE_DEVICE explicit WarpBlend(const A& a) : one_visit(a), least(least_exponent(a)) {}
@@ -142,6 +160,22 @@ struct WarpBlend {
         }
     }
 };
+
+/// Calls f(the rules) for a group of visits: without the clamp of alpha if no opacity reaches it,
+/// which saves a tenth of the walk back.
+template <class W, class A, class F>
+RYE_DEVICE void with_rules(const A& accuracy, const Visits<W, A>& v, const F& f) {
+    using std::log2;
+#if defined(RYE_NO_UNCLAMPED)
+    f(WarpBlend<W, A>(accuracy));
+#else
+    const float most = log2(static_cast<float>(accuracy.alpha_max)) - 1e-5F; // of rounding
+    if (W::any(v.most > typename W::F(most)))
+        f(WarpBlend<W, A>(accuracy));
+    else
+        f(WarpBlend<W, A, false>(accuracy));
+#endif
+}
 
 /// A warp's pixels: those of strip w of a tile.
 template <class W>
