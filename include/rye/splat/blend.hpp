@@ -72,6 +72,16 @@ struct SinglePixel {
     RYE_HD static V when(bool condition, const V& x) {
         return select(condition, x, V(0));
     }
+    /// Returns alpha, 0 for an exponent below the cut.
+    template <class V>
+    RYE_HD static V where_reached(const V&, const V&, const V& alpha) {
+        return alpha;
+    }
+    /// Returns alpha, 0 for a pixel that is full.
+    template <class V>
+    RYE_HD static V while_open(const V&, const V&, const V& alpha) {
+        return alpha;
+    }
     /// Returns min(most, x), of derivative 0 from `most` on; a NaN becomes `most`.
     template <class V>
     RYE_HD static V at_most(const V& most, const V& x) {
@@ -118,6 +128,16 @@ struct PixelGroup {
     template <class M, class V>
     RYE_HD static V when(const M& condition, const V& x) {
         return select(condition, x, V(real_t<V>(0)));
+    }
+    template <class V>
+    [[gnu::always_inline]] RYE_HD static V where_reached(const V& exponent, const V& cut,
+                                                         const V& alpha) {
+        return select(exponent >= cut, alpha, V(real_t<V>(0)));
+    }
+    template <class V>
+    [[gnu::always_inline]] RYE_HD static V while_open(const V& transmittance, const V& stop,
+                                                      const V& alpha) {
+        return select(transmittance >= stop, alpha, V(real_t<V>(0)));
     }
     template <class V>
     [[gnu::always_inline]] RYE_HD static V at_most(const V& most, const V& x) {
@@ -201,8 +221,7 @@ struct Blend {
         V bell = V(Exp2()(exponent)), alpha = bell;
         if constexpr (A::has_floor) alpha = alpha - floor;
         if constexpr (Pixels::keeps_bell) bell = Pixels::when(alpha < alpha_max, bell);
-        const auto reached = Pixels::settled(reaches(exponent, cut));
-        return {Pixels::when(reached, V(Pixels::at_most(alpha_max, alpha))), bell};
+        return {Pixels::where_reached(exponent, cut, V(Pixels::at_most(alpha_max, alpha))), bell};
     }
 
     /// Returns the contribution to a pixel by the stop rule; `transmittance` becomes what is behind
@@ -212,7 +231,7 @@ struct Blend {
         const V before = transmittance;
         V alpha = given.alpha;
         if constexpr (A::stop_rule == Stop::inclusive)
-            alpha = Pixels::when(Pixels::settled(before >= stop), alpha);
+            alpha = Pixels::while_open(before, stop, alpha);
         V weight = alpha * before;
         V behind = Pixels::behind(before, alpha, weight);
         if constexpr (A::stop_rule == Stop::exclusive) {

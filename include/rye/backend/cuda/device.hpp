@@ -32,6 +32,11 @@ struct DeviceWarp {
     }
     __device__ static F number(U x) { return static_cast<float>(x); }
     __device__ static F fma(F a, F b, F c) { return __fmaf_rn(a, b, c); }
+    __device__ static F saturated(F a, F b, F c) { return __saturatef(__fmaf_rn(a, b, c)); }
+    __device__ static F next_below(F a) {
+        if (a == 0.0F) return -1e-30F;
+        return __uint_as_float(__float_as_uint(a) + (a > 0.0F ? 0xFFFFFFFFU : 1U));
+    }
     __device__ static F min(F a, F b) { return fminf(a, b); }
     __device__ static F max(F a, F b) { return fmaxf(a, b); }
     __device__ static F exp2(F a) {
@@ -107,6 +112,9 @@ struct DeviceWarp {
     __device__ static void write_word(void* p, U i, U v) { static_cast<std::uint32_t*>(p)[i] = v; }
     __device__ static void write_word_where(M m, void* p, U i, U v) {
         if (m) static_cast<std::uint32_t*>(p)[i] = v;
+    }
+    __device__ static void set_bit(M m, std::uint32_t* p, U i, U bit) {
+        if (m) atomicOr(p + i, 1U << bit);
     }
     template <int half>
     __device__ static U read_half(const std::uint64_t* p, U i) {
@@ -339,6 +347,8 @@ struct DeviceBlock {
         return atomicAdd(p, x);
     }
     __device__ static void raise(std::uint32_t* p, std::uint32_t x) { atomicMax(p, x); }
+    __device__ static std::uint32_t read_once(const std::uint32_t* p) { return __ldcs(p); }
+    __device__ static void write_once(std::uint32_t* p, std::uint32_t x) { __stcs(p, x); }
 };
 
 namespace detail {

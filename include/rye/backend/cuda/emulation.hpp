@@ -37,6 +37,16 @@ struct HostWarp : detail::HostCopies {
     static F fma(const F& a, const F& b, const F& c) {
         return F::each([&](int l) { return std::fma(a.x[l], b.x[l], c.x[l]); });
     }
+    /// Returns a b + c between 0 and 1; and the number before a, of 0 one that is not too small.
+    static F saturated(const F& a, const F& b, const F& c) {
+        return F::each([&](int l) {
+            return std::fmin(std::fmax(std::fma(a.x[l], b.x[l], c.x[l]), 0.0F), 1.0F);
+        });
+    }
+    static F next_below(const F& a) {
+        return F::each(
+            [&](int l) { return a.x[l] == 0 ? -1e-30F : std::nextafter(a.x[l], -INFINITY); });
+    }
     static F min(const F& a, const F& b) {
         return F::each([&](int l) { return std::fmin(a.x[l], b.x[l]); });
     }
@@ -141,6 +151,11 @@ struct HostWarp : detail::HostCopies {
     static void write_word_where(const M& m, void* p, const U& i, const U& v) {
         for (int l = 0; l < 32; ++l)
             if (m.x[l]) std::memcpy(static_cast<unsigned char*>(p) + 4 * i.x[l], &v.x[l], 4);
+    }
+    /// Sets a bit of each lane's number; several warps may at once.
+    static void set_bit(const M& m, std::uint32_t* p, const U& i, const U& bit) {
+        for (int l = 0; l < 32; ++l)
+            if (m.x[l]) p[i.x[l]] |= 1U << bit.x[l];
     }
     /// Returns the low or the high half of each lane's number.
     template <int half>
@@ -307,6 +322,9 @@ class HostBlock {
     static void raise(T* p, T x) {
         if (*p < x) *p = x;
     }
+    /// Reads or writes what this kernel does not touch again: on a device, past its cache.
+    static std::uint32_t read_once(const std::uint32_t* p) { return *p; }
+    static void write_once(std::uint32_t* p, std::uint32_t x) { *p = x; }
 
   private:
     template <class F>

@@ -12,7 +12,7 @@
 namespace rye::detail {
 
 /// Visits that a warp has found and not walked yet, in a ring.
-template <bool colours>
+template <bool colours, bool entries>
 struct FoundVisits {
     static constexpr std::uint32_t capacity = 64;
     Quad4 place[capacity]; ///< u0, ux, v0, vx
@@ -20,7 +20,7 @@ struct FoundVisits {
     Quad4 colour[colours ? capacity : 1];
     std::uint32_t owner[capacity];
     std::uint32_t place_of[capacity]; ///< places of the pairs (Gaussian, tile), for a vjp
-    std::uint32_t entry[capacity];    ///< numbers in the tile's list
+    std::uint32_t entry[entries ? capacity : 1]; ///< numbers in the tile's list
 };
 
 /// Draws the pixels of a tile, near to far, C channels at a time.
@@ -30,7 +30,7 @@ struct BlendKernel {
     static constexpr const char* name = "blend";
     static constexpr int threads = 128, blocks = Layout::products ? 3 : 4;
     static constexpr int N = planes_of<A>;
-    using Found = FoundVisits<!Layout::products>;
+    using Found = FoundVisits<!Layout::products, A::outputs.contributor>;
     /// Shared memory of a block.
     struct Shared {
         NearestKeys nearest;
@@ -54,23 +54,23 @@ struct BlendKernel {
                                  memory.begin[tile + 1] - begin);
         bool open = true;
         while (open) {
-            const std::uint32_t before = list.taken;
-            const std::uint32_t part = list.next(block, [&](std::uint64_t key) {
-                // From the pair's place, or its Gaussian, to both.
-                const auto low = static_cast<std::uint32_t>(key);
-                return memory.groups > 0 ? std::uint64_t(low) << 32U | memory.owner[low] : low;
-            });
+            const std::uint32_t before = list.taken, part = list.next(block);
             if (part == 0) break;
-            const std::uint64_t* const near = shared.nearest.key + list.begin;
-            if constexpr (A::outputs.contributor)
+            if constexpr (Layout::products || A::outputs.contributor)
                 block.each_thread([&](int t) {
-                    for (std::uint32_t k = static_cast<std::uint32_t>(t); k < part; k += threads)
-                        memory.sorted[begin + before + k] = static_cast<std::uint32_t>(near[k]);
+                    for (std::uint32_t k = static_cast<std::uint32_t>(t); k < part; k += threads) {
+                        const auto pair = static_cast<std::uint32_t>(shared.nearest.key[k]);
+                        const std::uint32_t owner = memory.groups > 0 ? memory.owner[pair] : pair;
+                        if constexpr (Layout::products)
+                            shared.nearest.key[k] = std::uint64_t(pair) << 32U | owner;
+                        if constexpr (A::outputs.contributor)
+                            memory.sorted[begin + before + k] = owner;
+                    }
                 });
             block.each_warp([&](int w) {
                 StripSums<W, A, C>& s = state[w];
                 const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
-                walk<W>(shared, near, s, pixels, tile, w, before, part);
+                walk<W>(shared, s, pixels, tile, w, before, part);
                 if (list.taken == list.n) flush<W>(shared, s, pixels, w);
                 W::write_where(W::lane() == typename W::U(0), shared.open,
                                typename W::U(static_cast<std::uint32_t>(w)),
@@ -112,9 +112,9 @@ struct BlendKernel {
 
     /// Walks a part of the list: finds the strip's visits, 32 entries at a time.
     template <class W>
-    RYE_DEVICE void walk(Shared& shared, const std::uint64_t* near, StripSums<W, A, C>& s,
-                         const StripPixels<W>& pixels, std::uint32_t tile, int w,
-                         std::uint32_t before, std::uint32_t part) const {
+    RYE_DEVICE void walk(Shared& shared, StripSums<W, A, C>& s, const StripPixels<W>& pixels,
+                         std::uint32_t tile, int w, std::uint32_t before,
+                         std::uint32_t part) const {
         using F = typename W::F;
         using U = typename W::U;
         const TileCentre centre(scene, tile, memory.columns);
@@ -122,17 +122,36 @@ struct BlendKernel {
         Found& found = shared.found[w];
         const auto* const records = reinterpret_cast<const Quad4*>(memory.record);
         Array<F, 4> place, shape;
-        U owner;
-        const auto fetch = [&](std::uint32_t at) {
+        U owner, pair;
+        [[maybe_unused]] U next_owner, next_pair;
+        // Keys have the pair's place, or its Gaussian if nothing is kept. Those of many channels
+        // have both: registers are scarce there.
+        const auto at_entry = [&](auto half, std::uint32_t at) {
             const U entry = U(at) + W::lane();
-            const auto valid = entry < U(part);
-            owner = W::template read_half<0>(near, select(valid, entry, U(0)));
+            return W::template read_half<half>(shared.nearest.key,
+                                               select(entry < U(part), entry, U(0)));
+        };
+        const auto locate = [&]([[maybe_unused]] std::uint32_t at) {
+            if constexpr (!Layout::products) {
+                next_pair = at_entry(Constant<0>{}, at);
+                next_owner = memory.groups > 0 ? W::read(memory.owner, next_pair) : next_pair;
+            }
+        };
+        const auto fetch = [&](std::uint32_t at) {
+            const auto valid = U(at) + W::lane() < U(part);
+            if constexpr (Layout::products)
+                owner = at_entry(Constant<0>{}, at);
+            else
+                owner = next_owner, pair = next_pair;
             place = W::read4_where(valid, records, owner * U(2));
             shape = W::read4_where(valid, records, owner * U(2) + U(1));
+            locate(at + 32);
         };
+        locate(0);
         fetch(0);
         for (std::uint32_t at = 0; at < part && s.open; at += 32) {
             const U entry = U(at) + W::lane(), own_owner = owner;
+            [[maybe_unused]] const U own_pair = pair;
             const auto valid = entry < U(part);
             const TileSplat<W> splat(place, shape, centre.x, centre.y);
             fetch(at + 32); // the next 32, while these are walked
@@ -158,9 +177,10 @@ struct BlendKernel {
                 W::write4_where(visited, found.colour, to, colour);
             }
             W::write_where(visited, found.owner, to, own_owner);
-            if (memory.groups > 0)
-                W::write_where(visited, found.place_of, to,
-                               W::template read_half<1>(near, select(valid, entry, U(0))));
+            if constexpr (!Layout::products)
+                W::write_where(visited, found.place_of, to, own_pair);
+            else if (memory.groups > 0)
+                W::write_where(visited, found.place_of, to, at_entry(Constant<1>{}, at));
             if constexpr (A::outputs.contributor)
                 W::write_where(visited, found.entry, to, U(before) + entry);
             s.found += W::bits_set(lanes);
@@ -230,7 +250,7 @@ struct BlendKernel {
                           const StripPixels<W>& pixels) const {
         using F = typename W::F;
         using U = typename W::U;
-        const WarpBlend<W, A> rules(accuracy);
+        const WarpBlend<W, A, true, Layout::products ? 0 : 1> rules(accuracy);
         const std::uint32_t at = s.done % Found::capacity;
         if (memory.groups > 0) keep<W>(found, s, at);
         const U first = U(at) + W::lane() % U(4) * U(4);
@@ -244,7 +264,7 @@ struct BlendKernel {
                 return r;
             },
             pixels.x, pixels.y, accuracy);
-        with_rules<W>(accuracy, v, [&](const auto& by) { rows<W>(found, s, v, by, first); });
+        rows<W>(found, s, v, rules, first);
         auto open = rules.one_visit.open(s.transmittance[0]);
         repeated<7>([&](auto j) { open = open || rules.one_visit.open(s.transmittance[j + 1]); });
         s.open = W::any(open);

@@ -35,7 +35,8 @@ struct DeviceFrameShape {
                detail::FrameMemory::classes;
     }
     std::size_t entry_words() const {
-        return (groups > 0 ? std::size_t(3 + detail::tile_strips) : std::size_t(1)) * entries;
+        return groups > 0 ? std::size_t(2 + detail::tile_strips) * entries + entries / 8 + 1
+                          : entries;
     }
     std::size_t group_words() const {
         return groups * std::size_t(2 * detail::group_visits + 1) +
@@ -98,7 +99,7 @@ struct DeviceFrame {
             m.slot = reinterpret_cast<detail::StripSlots*>(words);
             words += std::size_t(detail::tile_strips) * of.entries;
             m.owner = words + of.entries;
-            m.touched = reinterpret_cast<std::uint8_t*>(m.owner + of.entries);
+            m.touched = m.owner + of.entries;
         }
         m.sorted = m.rank = words;
         m.entries = static_cast<std::uint32_t>(of.entries);

@@ -17,10 +17,8 @@ struct ProjectKernel {
     /// Shared memory of a block.
     struct Shared {
         BlockTiles tiles;
-        Footprint<float> footprint[threads];
-        Span pixels[threads];         ///< a Gaussian's rows of pixels
-        std::uint32_t rows[threads];  ///< its rows of tiles, then those of Gaussians before it
-        std::uint32_t count[threads]; ///< its tiles, then those of Gaussians before it
+        Footprint<float> footprint[threads]; ///< of those in many rows of tiles
+        std::uint32_t count[threads]; ///< a Gaussian's tiles, then those of Gaussians before it
         std::uint32_t base;           ///< where the block's ranks are
         std::uint8_t finite[threads]; ///< 1 if all features of the Gaussian are finite
     };
@@ -38,45 +36,26 @@ struct ProjectKernel {
         block.each_thread([&](int t) {
             if (t == 0) tiles.tall = 0;
             shared.finite[t] = 1;
-            shared.count[t] = 0;
         });
         if (accuracy.non_finite != NonFinite::trust)
             block.each_thread([&](int t) { look_at_features(shared, base, t); });
         block.each_thread([&](int t) {
             const std::uint32_t i = base + static_cast<std::uint32_t>(t);
-            tiles.spans[t].first = tiles.spans[t].rows = 0;
+            TileSpans& spans = tiles.spans[t];
+            spans.first = spans.rows = 0;
+            std::uint32_t places = 0;
             if (i < memory.count) {
                 if (accuracy.non_finite != NonFinite::trust &&
                     !(shared.finite[t] != 0 && usable(i)))
                     block.add(&memory.report->non_finite, 1U);
                 else
-                    reach(shared, i, t);
+                    places = reach(i, spans, shared.footprint[t]);
+                memory.spans[i] = spans;
+                memory.places[i] = places;
+                if (spans.rows > TileSpans::most) memory.footprint[i] = shared.footprint[t];
             }
-            shared.rows[t] = tiles.spans[t].rows;
-        });
-        // Rows are shared evenly: few Gaussians have many.
-        const std::uint32_t rows = block.exclusive_sums(shared.rows);
-        block.each_thread([&](int t) {
-            for (auto r = static_cast<std::uint32_t>(t); r < rows; r += threads) {
-                const std::uint32_t own = BlockTiles::search(shared.rows, r);
-                const std::uint32_t y = r - shared.rows[own];
-                TileSpans& spans = tiles.spans[own];
-                const Cover<A::support, float> cover{shared.footprint[own], width, height};
-                const Span x =
-                    cover.columns(spans.first + static_cast<int>(y), shared.pixels[own]);
-                block.add(shared.count + own, static_cast<std::uint32_t>(x.end - x.begin));
-                if (spans.rows > TileSpans::most) continue;
-                spans.begin[y] = static_cast<std::uint16_t>(x.begin);
-                spans.end[y] = static_cast<std::uint16_t>(x.end);
-            }
-        });
-        block.each_thread([&](int t) {
-            const std::uint32_t i = base + static_cast<std::uint32_t>(t);
-            tiles.put(block, t, shared.count[t]);
-            if (i >= memory.count) return;
-            memory.places[i] = shared.count[t];
-            memory.spans[i] = tiles.spans[t];
-            if (tiles.spans[t].rows > TileSpans::most) memory.footprint[i] = shared.footprint[t];
+            shared.count[t] = places;
+            tiles.put(block, t, places);
         });
         const std::uint32_t total = block.exclusive_sums(shared.count);
         block.each_thread([&](int t) {
@@ -92,7 +71,7 @@ struct ProjectKernel {
             },
             [&](const BlockTiles::Task& k, std::uint32_t rank) {
                 const std::uint32_t at = shared.base + shared.count[k.own] + k.rank;
-                if (at < memory.entries) memory.rank[at] = rank;
+                if (at < memory.entries) Block::write_once(memory.rank + at, rank);
             });
     }
 
@@ -130,28 +109,39 @@ struct ProjectKernel {
         return finite;
     }
 
-    /// Writes a Gaussian's record, and finds its rows if it is visible.
-    RYE_DEVICE void reach(Shared& shared, std::uint32_t i, int t) const {
+    /// Writes a Gaussian's record and, if it is visible, finds its rows of tiles; returns the number
+    /// of tiles.
+    RYE_DEVICE std::uint32_t reach(std::uint32_t i, TileSpans& spans,
+                                   Footprint<float>& footprint) const {
         typename DeviceLens<D>::Held held;
         lens.put(held);
         const Projected<float, A::antialias> s =
             project<A::antialias>(shape_of(g, i), held.projector);
         const float opacity = g.opacity.data[i];
-        if (!s.drawable || !(opacity > 0.0F)) return;
+        if (!s.drawable || !(opacity > 0.0F)) return 0;
         const Splat<float> splat = make_splat(s, kept_opacity(s, opacity), accuracy);
-        if (!(splat.log2_opacity > splat.cut)) return;
+        if (!(splat.log2_opacity > splat.cut)) return 0;
         const Cover<A::support, float> cover{footprint_of<A>(s, splat, cx, cy), width, height};
         const Span rows = cover.rows();
-        if (!(rows.begin < rows.end && width > 0)) return;
+        if (!(rows.begin < rows.end && width > 0)) return 0;
         memory.record[i] = {{splat.x, splat.y, splat.ux, splat.vx},
                             {splat.vy, splat.log2_opacity, splat.depth, splat.floor}};
-        shared.footprint[t] = cover.f;
-        shared.pixels[t] = rows;
         const int first = rows.begin / tile_edge;
-        TileSpans& spans = shared.tiles.spans[t];
+        const int last = (rows.end + tile_edge - 1) / tile_edge;
         spans.first = static_cast<std::uint16_t>(first);
-        spans.rows =
-            static_cast<std::uint16_t>((rows.end + tile_edge - 1) / tile_edge - first);
+        spans.rows = static_cast<std::uint16_t>(last - first);
+        spans.key = depth_key(splat.depth);
+        const bool tall = last - first > TileSpans::most;
+        if (tall) footprint = cover.f;
+        std::uint32_t places = 0;
+        for (int y = first; y < last; ++y) {
+            const Span x = cover.columns(y, rows);
+            places += static_cast<std::uint32_t>(x.end - x.begin);
+            if (tall) continue;
+            spans.begin[y - first] = static_cast<std::uint16_t>(x.begin);
+            spans.end[y - first] = static_cast<std::uint16_t>(x.end);
+        }
+        return places;
     }
 
   public:
@@ -269,7 +259,6 @@ struct BinKernel {
     struct Shared {
         BlockTiles tiles;
         std::uint32_t before[threads]; ///< places of Gaussians before each
-        std::uint32_t key[threads];
     };
     int width, height;
     FrameMemory memory;
@@ -285,37 +274,37 @@ struct BinKernel {
         block.each_thread([&](int t) {
             const std::uint32_t i = base + static_cast<std::uint32_t>(t);
             tiles.spans[t].first = tiles.spans[t].rows = 0;
-            std::uint32_t places = 0, key = 0;
+            std::uint32_t places = 0;
             if (i < memory.count) {
                 places = memory.places[i];
-                if (places > 0) {
-                    tiles.spans[t] = memory.spans[i];
-                    key = depth_key(memory.record[i].shape.z);
-                }
+                tiles.spans[t] = memory.spans[i];
             }
             shared.before[t] = places;
-            shared.key[t] = key;
             tiles.put(block, t, places);
         });
-        block.exclusive_sums(shared.before);
+        const std::uint32_t total = block.exclusive_sums(shared.before);
         const std::uint32_t before = memory.block_places[block.index()];
         const std::uint32_t ranks = memory.block_ranks[block.index()];
         const bool kept = memory.groups > 0;
+        if (kept)
+            block.each_thread([&](int t) { // the words that begin with a place of the block
+                for (std::uint32_t k = (before + 7) / 8 + static_cast<std::uint32_t>(t);
+                     8 * k < before + total; k += threads)
+                    memory.touched[k] = 0;
+            });
         tiles.template each<A::support>(
             block, memory.footprint + base, width, height,
             [&](const BlockTiles::Task& k) {
                 return Array<std::uint32_t, 2>{
                     {memory.begin[memory.tile(k.row, k.column)],
-                     memory.rank[ranks + shared.before[k.own] + k.rank]}};
+                     Block::read_once(memory.rank + ranks + shared.before[k.own] + k.rank)}};
             },
             [&](const BlockTiles::Task& k, const Array<std::uint32_t, 2>& at) {
                 const std::uint32_t owner = base + k.own;
                 const std::uint32_t place = before + shared.before[k.own] + k.rank;
-                memory.key[at[0] + at[1]] = std::uint64_t(shared.key[k.own]) << 32U |
+                memory.key[at[0] + at[1]] = std::uint64_t(tiles.spans[k.own].key) << 32U |
                                             (kept ? place : owner);
-                if (!kept) return;
-                memory.owner[place] = owner;
-                reinterpret_cast<std::uint32_t*>(memory.touched)[place] = 0;
+                if (kept) Block::write_once(memory.owner + place, owner);
             });
     }
 };

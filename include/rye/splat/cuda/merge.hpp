@@ -73,7 +73,6 @@ struct MergeKernel {
     template <class Block>
     RYE_DEVICE std::uint32_t find(Block& block, Shared& shared, std::uint32_t base,
                                   std::size_t from, std::uint32_t count) const {
-        const auto* const touched = reinterpret_cast<const std::uint32_t*>(memory.touched) + from;
         struct Found {
             std::uint32_t flags[std::size_t(of_thread)], owner[std::size_t(of_thread)];
             StripSlots slots[std::size_t(of_thread)];
@@ -84,7 +83,9 @@ struct MergeKernel {
             Found& f = own[t];
             repeated<of_thread>([&](auto e) {
                 const std::uint32_t place = of_thread * static_cast<std::uint32_t>(t) + e;
-                f.flags[e] = place < count ? touched[place] : 0U;
+                const std::size_t at = from + place;
+                f.flags[e] =
+                    place < count ? memory.touched[at / 8] >> (at % 8 * tile_strips) & 15U : 0U;
             });
             // All under way together, and while the block counts.
             repeated<of_thread>([&](auto e) {
@@ -103,7 +104,7 @@ struct MergeKernel {
             std::uint32_t at = shared.found[t];
             repeated<of_thread>([&](auto e) {
                 repeated<tile_strips>([&](auto s) {
-                    if ((own[t].flags[e] >> (8 * s) & 1U) == 0) return;
+                    if ((own[t].flags[e] >> s & 1U) == 0) return;
                     shared.own[at] = static_cast<std::uint8_t>(own[t].owner[e]);
                     shared.slot[at++] = own[t].slots[e].of[s];
                 });
@@ -169,7 +170,9 @@ struct MergeKernel {
     RYE_DEVICE void pull_back(const float* sum, std::uint32_t i) const {
         Shape<float> d{Vec3<float>(0, 0, 0), Quat<float>(0, 0, 0, 0), Vec3<float>(0, 0, 0)};
         float opacity = 0;
-        if (memory.places[i] > 0) {
+        bool any = false; // most Gaussians of a crowd are hidden, and not read again
+        for (int k = 0; k < 7; ++k) any = any || sum[k] != 0.0F;
+        if (any) {
             Splat<float> splat{};
             const SplatRecord s = memory.record[i];
             splat.ux = s.place.z;

@@ -1,262 +1,116 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/cuda/nearest.hpp: a tile's list near to far, a part at a time: a block counts keys by
-/// buckets of depth, takes the nearest buckets that fit its shared memory, and puts them in order
-/// as far as a pixel is open: a key finds its place by looking at the others of its bucket. Keys
-/// are unique, so the order does not depend on how they lay.
-/// Source: Batcher, "Sorting Networks and Their Applications", 1968, for crowded buckets.
+/// rye/splat/cuda/nearest.hpp: a tile's list near to far, a part at a time: a block takes the
+/// nearest keys that fit its shared memory and sorts them, and takes more only while a pixel is
+/// open. Keys are unique, so the order does not depend on how they lay.
+/// Source: Batcher, "Sorting Networks and Their Applications", 1968.
 #pragma once
 
 #include <cstdint>
 
 #include <rye/splat/cuda/records.hpp>
 
-#ifndef RYE_PART
-#define RYE_PART 256
-#endif
 namespace rye::detail {
 
-/// The nearest keys of a tile's list that are not taken yet, by buckets, in shared memory.
+/// The nearest keys of a tile's list that are not taken yet, sorted, in shared memory.
 struct NearestKeys {
-    static constexpr std::uint32_t most = 1024;   ///< keys
-    static constexpr std::uint32_t buckets = 1024;
-
-    /// Keys [low, high] are counted by buckets, each of 2^shift numbers.
-    struct Level {
-        std::uint64_t low, high;
-        std::uint64_t last;       ///< no key is above
-        std::uint32_t shift;
-        std::uint32_t bucket;     ///< first bucket whose keys have not been in shared memory
-        std::uint32_t before;     ///< keys of buckets before those in shared memory
-        std::uint32_t crowd;      ///< most keys of a bucket
-        std::uint32_t held;       ///< keys in shared memory
-        std::uint32_t ready;      ///< of them, those in parts so far
-    };
+    static constexpr std::uint32_t most = 1024;
 
     std::uint64_t key[most];
-    /// edge[b + 1]: keys of nearer buckets than b; with b's own once these are in `key`. So bucket
-    /// b is then [edge[b], edge[b + 1]), less `before`. The last is the number of all.
-    std::uint32_t edge[buckets + 2];
-    std::uint32_t sums[128];
-    std::uint32_t near, far;   ///< of the list: complement of the least depth, the most
-    std::uint32_t crowd, pick; ///< most keys of a bucket; the first bucket that no longer fits
-    Level level;
+    std::uint32_t bucket[128];
+    std::uint32_t count, most_depth, pick, picked;
 };
 
 /// Walk over the n keys of one tile in parts. Every thread of the block holds the same values.
 template <class Block>
 struct NearestFirst {
     static constexpr int threads = Block::threads;
-    static constexpr std::uint32_t most = NearestKeys::most, buckets = NearestKeys::buckets;
-    static constexpr int of_thread = int(buckets) / threads;
-    static constexpr int bucket_bits = 10;
-    static_assert(threads == 128 && buckets == 1U << bucket_bits);
+    static constexpr std::uint32_t most = NearestKeys::most;
+    static_assert(threads == 128, "a bucket a thread");
 
     NearestKeys& shared;
     const std::uint64_t* keys;
-    std::uint32_t n, taken = 0; ///< number of keys, and of those in parts so far
-    std::uint32_t begin = 0;    ///< of the part, in shared.key
+    std::uint32_t n, taken = 0;
+    std::uint64_t from = 0, last = 0; ///< range [from, last] of the keys left in a long list
 
     RYE_DEVICE NearestFirst(NearestKeys& s, const std::uint64_t* all, std::uint32_t count)
         : shared(s),
           keys(all),
           n(count) {}
 
-    /// Sorts the next part, and puts given(key) into shared.key from `begin` on; returns how many,
-    /// 0 at the end.
-    template <class Given>
-    RYE_DEVICE std::uint32_t next(Block& block, const Given& given) {
+    /// Sorts the next part into shared.key; returns how many keys, 0 at the end.
+    RYE_DEVICE std::uint32_t next(Block& block) {
         if (taken >= n) return 0;
-        Level level = shared.level;
-        if (taken == 0) start(block, level);
-        if (taken == 0 || level.ready == level.held) fill(block, level);
-        begin = level.ready;
-        std::uint32_t end = level.held;
-        if (level.crowd <= rank_most && begin == 0 && end > first_part + first_part / 2) {
-            const std::uint64_t b = (shared.key[first_part - 1] - level.low) >> level.shift;
-            end = shared.edge[b + 1] - level.before;
-        }
-        level.ready = end;
-        if (level.crowd <= rank_most)
-            rank(block, level, given);
-        else
-            sort_held(block, level, given);
-        taken += end - begin;
-        return end - begin;
+        const bool whole = n <= most;
+        const std::uint32_t count = whole ? n : choose(block);
+        taken += count;
+        sort(block, whole ? keys : shared.key, count);
+        return count;
     }
 
   private:
-    using Level = NearestKeys::Level;
-    /// Keys of a bucket up to which each looks at the others.
-    static constexpr std::uint32_t rank_most = 64;
-    /// Keys of the first part, about: most pixels need no more of a long list.
-    static constexpr std::uint32_t first_part = RYE_PART;
-
-    /// Calls f for this thread's keys, whose reads run together.
-    template <class F>
-    RYE_DEVICE void each_key(int t, const F& f) const {
-        constexpr std::uint32_t at_once = 8;
-        for (auto from = static_cast<std::uint32_t>(t); from < n; from += at_once * threads) {
-            std::uint64_t key[at_once];
-            repeated<at_once>([&](auto e) {
-                const std::uint32_t k = from + e * static_cast<std::uint32_t>(threads);
-                key[e] = k < n ? keys[k] : 0;
-            });
-            repeated<at_once>([&](auto e) {
-                if (from + e * static_cast<std::uint32_t>(threads) < n) f(key[e]);
-            });
-        }
-    }
-
-    /// Finds the range of the depths, and counts by buckets.
-    RYE_DEVICE void start(Block& block, Level& level) {
-        block.each_thread([&](int t) {
-            if (t == 0) shared.near = shared.far = 0;
-        });
-        block.each_thread([&](int t) {
-            std::uint32_t near = 0, far = 0;
-            each_key(t, [&](std::uint64_t key) {
-                const auto depth = static_cast<std::uint32_t>(key >> 32U);
-                near = rye::max(near, ~depth);
-                far = rye::max(far, depth);
-            });
-            block.raise(&shared.near, near);
-            block.raise(&shared.far, far);
-        });
-        level.low = std::uint64_t(~shared.near) << 32U;
-        level.last = std::uint64_t(shared.far) << 32U | 0xFFFFFFFFU;
-        count(block, level, level.last);
-    }
-
-    /// Counts the keys of [level.low, high] by buckets.
-    RYE_DEVICE void count(Block& block, Level& level, std::uint64_t high) {
-        const int bits = 64 - Block::leading_zeros(high - level.low);
-        level.high = high;
-        level.shift = static_cast<std::uint32_t>(rye::max(bits - bucket_bits, 0));
-        level.bucket = 0;
-        block.each_thread([&](int t) {
-            for (auto b = static_cast<std::uint32_t>(t); b <= buckets; b += threads)
-                shared.edge[b] = 0;
-            if (t == 0) shared.crowd = 0, shared.pick = buckets;
-        });
-        block.each_thread([&](int t) {
-            each_key(t, [&](std::uint64_t key) {
-                const std::uint64_t above = key - level.low;
-                if (above <= high - level.low)
-                    block.add(shared.edge + 1 + (above >> level.shift), 1U);
-            });
-        });
-        auto own = block.template of_threads<Array<std::uint32_t, std::size_t(of_thread)>>();
-        block.each_thread([&](int t) {
-            std::uint32_t sum = 0, crowd = 0;
-            repeated<of_thread>([&](auto e) {
-                own[t][e] = shared.edge[1 + t * of_thread + e];
-                sum += own[t][e];
-                crowd = rye::max(crowd, own[t][e]);
-            });
-            shared.sums[t] = sum;
-            block.raise(&shared.crowd, crowd);
-        });
-        const std::uint32_t total = block.exclusive_sums(shared.sums);
-        block.each_thread([&](int t) {
-            std::uint32_t at = shared.sums[t];
-            repeated<of_thread>([&](auto e) {
-                shared.edge[1 + t * of_thread + e] = at;
-                at += own[t][e];
-            });
-            if (t == 0) shared.edge[buckets + 1] = total;
-        });
-        level.crowd = shared.crowd;
-    }
-
-    /// Takes the nearest buckets that fit into shared memory.
-    RYE_DEVICE void fill(Block& block, Level& level) {
-        if (level.bucket == buckets) { // all of these are taken
-            level.low = level.high + 1;
-            count(block, level, level.last);
-        }
-        for (;;) {
-            const std::uint32_t from = level.bucket, before = shared.edge[from + 1];
+    /// Chooses the nearest buckets that hold no more than fit. A bucket that alone holds more is
+    /// split by its next bits; as keys are unique, that ends.
+    RYE_DEVICE std::uint32_t choose(Block& block) {
+        if (taken == 0) {
             block.each_thread([&](int t) {
-                repeated<of_thread>([&](auto e) {
-                    const auto b = static_cast<std::uint32_t>(t + e * threads);
-                    if (b >= from && shared.edge[b + 1] - before <= most &&
-                        shared.edge[b + 2] - before > most)
-                        shared.pick = b;
-                });
+                if (t == 0) shared.most_depth = 0;
             });
-            const std::uint32_t pick = shared.pick;
-            const std::uint32_t held = block.agree(shared.edge[pick + 1]) - before;
-            if (held > 0) {
-                gather(block, level, before, pick);
-                level.bucket = pick;
-                level.before = before;
-                level.held = held;
-                level.ready = 0;
-                return;
-            }
-            // The bucket alone holds more than fit: it is split. As keys are unique, that ends.
-            level.low += std::uint64_t(pick) << level.shift;
-            count(block, level,
-                  rye::min(level.last, level.low + ((std::uint64_t(1) << level.shift) - 1)));
+            block.each_thread([&](int t) {
+                std::uint32_t far = 0;
+                for (std::uint32_t k = static_cast<std::uint32_t>(t); k < n; k += threads)
+                    far = rye::max(far, static_cast<std::uint32_t>(keys[k] >> 32U));
+                block.raise(&shared.most_depth, far);
+            });
+            last = std::uint64_t(block.agree(shared.most_depth)) << 32U | 0xFFFFFFFFU;
+        }
+        std::uint64_t low = from, high = last;
+        for (;;) {
+            const int bits = 64 - Block::leading_zeros(high - low);
+            const int shift = bits > 7 ? bits - 7 : 0;
+            block.each_thread([&](int t) {
+                shared.bucket[t] = 0;
+                if (t == 0) shared.pick = threads, shared.picked = 0;
+            });
+            block.each_thread([&](int t) {
+                for (std::uint32_t k = static_cast<std::uint32_t>(t); k < n; k += threads) {
+                    const std::uint64_t key = keys[k];
+                    if (key >= low && key <= high)
+                        block.add(shared.bucket + ((key - low) >> shift), 1U);
+                }
+            });
+            auto own = block.template of_threads<std::uint32_t>();
+            block.each_thread([&](int t) { own[t] = shared.bucket[t]; });
+            const std::uint32_t total = block.exclusive_sums(shared.bucket);
+            block.each_thread([&](int t) {
+                const std::uint32_t before = shared.bucket[t];
+                if (before <= most && before + own[t] > most) {
+                    shared.pick = static_cast<std::uint32_t>(t);
+                    shared.picked = before;
+                }
+            });
+            const std::uint32_t pick = block.agree(shared.pick);
+            const std::uint32_t picked = block.agree(shared.picked);
+            if (pick == threads) return gather(block, low, high, total);
+            const std::uint64_t start = low + (std::uint64_t(pick) << shift);
+            if (picked > 0) return gather(block, low, start - 1, picked);
+            low = start;
+            high = rye::min(high, start + ((std::uint64_t(1) << shift) - 1));
         }
     }
 
-    /// Copies the keys of buckets [level.bucket, end) to shared memory.
-    RYE_DEVICE void gather(Block& block, const Level& level, std::uint32_t before,
-                           std::uint32_t end) {
-        const std::uint32_t from = level.bucket;
+    RYE_DEVICE std::uint32_t gather(Block& block, std::uint64_t low, std::uint64_t high,
+                                    std::uint32_t count) {
         block.each_thread([&](int t) {
-            if (t == 0) shared.pick = buckets;
-            each_key(t, [&](std::uint64_t key) {
-                const std::uint64_t above = key - level.low;
-                if (above > level.high - level.low) return;
-                const auto b = static_cast<std::uint32_t>(above >> level.shift);
-                if (b < from || b >= end) return;
-                shared.key[block.add(shared.edge + 1 + b, 1U) - before] = key;
-            });
-        });
-    }
-
-    /// Puts the keys of a part in order.
-    template <class Given>
-    RYE_DEVICE void rank(Block& block, const Level& level, const Given& given) {
-        constexpr int each = int(most) / threads;
-        struct Own {
-            std::uint64_t key[std::size_t(each)];
-            std::uint32_t place[std::size_t(each)];
-        };
-        auto own = block.template of_threads<Own>();
-        block.each_thread([&](int t) {
-            repeated<each>([&](auto e) {
-                const std::uint32_t k = begin + static_cast<std::uint32_t>(t + e * threads);
-                own[t].place[e] = most;
-                if (k >= level.ready) return;
-                const std::uint64_t key = shared.key[k];
-                const auto b = static_cast<std::uint32_t>((key - level.low) >> level.shift);
-                own[t].key[e] = given(key);
-                std::uint32_t place = shared.edge[b] - level.before;
-                const std::uint32_t end = shared.edge[b + 1] - level.before;
-                for (std::uint32_t j = place; j < end; ++j) place += shared.key[j] < key ? 1U : 0U;
-                own[t].place[e] = place;
-            });
+            if (t == 0) shared.count = 0;
         });
         block.each_thread([&](int t) {
-            repeated<each>([&](auto e) {
-                if (own[t].place[e] < most) shared.key[own[t].place[e]] = own[t].key[e];
-            });
-            if (t == 0) shared.level = level;
+            for (std::uint32_t k = static_cast<std::uint32_t>(t); k < n; k += threads) {
+                const std::uint64_t key = keys[k];
+                if (key >= low && key <= high) shared.key[block.add(&shared.count, 1U)] = key;
+            }
         });
-    }
-
-    /// Puts all keys in shared memory in order.
-    template <class Given>
-    RYE_DEVICE void sort_held(Block& block, const Level& level, const Given& given) {
-        sort(block, shared.key, level.held);
-        block.each_thread([&](int t) {
-            for (auto k = static_cast<std::uint32_t>(t); k < level.held; k += threads)
-                shared.key[k] = given(shared.key[k]);
-            if (t == 0) shared.level = level;
-        });
+        from = high + 1;
+        return count;
     }
 
     /// Keys of a lane, K of them: number ((32 warp + lane) K + k) in the end.

@@ -39,8 +39,9 @@ struct SplatRecord {
 /// The columns of tiles [begin, end) in each row of tiles that a Gaussian reaches; of more rows
 /// than `most` they follow from its footprint.
 struct alignas(16) TileSpans {
-    static constexpr int most = 7;
+    static constexpr int most = 6;
     std::uint16_t first, rows; ///< first row of tiles, number of rows; 0 rows: not visible
+    std::uint32_t key;         ///< of the Gaussian's depth
     std::uint16_t begin[most], end[most];
 };
 
@@ -92,7 +93,7 @@ struct FrameMemory {
     // By place: a pair of a Gaussian and a tile, in the order of Gaussians, then of tiles. None if
     // nothing is kept for a vjp.
     std::uint32_t* owner;  ///< the Gaussian
-    std::uint8_t* touched; ///< [strips] 1 if the strip has a slot
+    std::uint32_t* touched; ///< bits [8 places, strips]: 1 if the strip has a slot
     StripSlots* slot;      ///< index of the slot of each strip, if there is one
     // By group of visits of a strip.
     std::uint32_t* before; ///< the strip's group nearer to the eye, or none_of

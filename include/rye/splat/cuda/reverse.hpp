@@ -270,7 +270,6 @@ struct ReverseKernel {
     RYE_DEVICE void group(const Shared& shared, const Ahead& ahead, StripCotangents<W, C, extra>& s,
                           const StripPixels<W>& pixels, const TileCentre& centre,
                           const Next<W>& now, int w) const {
-        using F = typename W::F;
         using U = typename W::U;
         const U column = W::lane() / U(4) * U(2), first = W::lane() % U(4) * U(4);
         const auto low = W::read4(ahead.transmittance, column),
@@ -291,14 +290,16 @@ struct ReverseKernel {
         float* const partial =
             memory.partial + std::size_t(now.group) * (group_visits * Layout::stride);
         typename Step::template Moments<W> sum;
-        with_rules<W>(accuracy, v, [&](const auto& rules) {
+        with_rules<W, !Layout::products>(accuracy, v, [&](const auto& rules) {
             rows<W>(shared, ahead, s, sum, v, rules, before, first, partial);
         });
         Step::template add_lanes<W>(v, sum, partial);
         // Pairs of a Gaussian and a tile learn of their slots.
         const auto has = W::lane() < U(group_visits) && now.owner < U(none_of);
-        const U place = now.place * U(tile_strips) + U(static_cast<std::uint32_t>(w));
-        W::write_where(has, memory.touched, place, U(1));
+        const auto strip = static_cast<std::uint32_t>(w);
+        W::set_bit(has, memory.touched, now.place / U(8),
+                   now.place % U(8) * U(tile_strips) + U(strip));
+        const U place = now.place * U(tile_strips) + U(strip);
         W::write_where(has, reinterpret_cast<std::uint32_t*>(memory.slot), place, U(now.group * group_visits) + W::lane());
     }
 

@@ -127,6 +127,7 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
     /// Shared memory of a block.
     struct Shared {
         alignas(16) float rest[Rows::capacity], gradient[Rows::capacity];
+        std::uint8_t used[Rows::threads]; ///< 0 if the Gaussian's gradient is 0
     };
     Order order;
     DeviceHarmonics<const float> in;
@@ -140,8 +141,15 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
         const Index base = Index(block.index()) * Rows::threads;
         const Index count = rye::min(Index(Rows::threads), in.mean.cols - base);
         block.each_thread([&](int t) {
-            Rows::each(order, base, count, t,
-                       [&](Index from, int to) { shared.rest[to] = in.rest.data[from]; });
+            if (t >= count) return;
+            const float* const g = g_rgb + 3 * (base + t);
+            const bool seen = places == nullptr || places[base + t] > 0;
+            shared.used[t] = seen && !(g[0] == 0.0F && g[1] == 0.0F && g[2] == 0.0F) ? 1 : 0;
+        });
+        block.each_thread([&](int t) {
+            Rows::each(order, base, count, t, [&](Index from, int to) {
+                if (shared.used[to / rye::max(Rows::row, 1)] != 0) shared.rest[to] = in.rest.data[from];
+            });
         });
         block.each_thread([&](int t) {
             if (t < count) one(shared, base + t, t);
@@ -156,7 +164,7 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
     RYE_DEVICE void one(Shared& shared, Index i, int t) const {
         float* const g_rest = shared.gradient + t * Rows::row;
         float* const g_constant = out.constant.data + order.constant(i);
-        if (places != nullptr && places[i] == 0) {
+        if (shared.used[t] == 0) {
             for (int k = 0; k < Rows::row; ++k) g_rest[k] = 0;
             for (int k = 0; k < 3; ++k) g_constant[k] = 0;
             return;

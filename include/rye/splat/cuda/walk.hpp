@@ -72,8 +72,9 @@ struct Visits {
 };
 
 /// The pixels of a warp, for splat/blend.hpp: a group of them, with the instructions of a device.
-/// clamps: false if no alpha reaches alpha_max.
-template <class W, bool clamps>
+/// clamps: false if no alpha reaches alpha_max. gates: 1, the stop rule is a product, 2, so is the
+/// cut, for walks that wait for the units of comparisons.
+template <class W, bool clamps, int gates>
 struct WarpPixels : PixelGroup {
     using F = typename W::F;
     static constexpr bool slope_from_weight = true;
@@ -88,6 +89,23 @@ struct WarpPixels : PixelGroup {
             return W::min(most, x);
         else
             return x;
+    }
+    RYE_DEVICE static F where_reached(const F& exponent, const F& cut, const F& alpha) {
+        if constexpr (gates > 1)
+            return alpha * from(exponent, cut);
+        else
+            return when(exponent >= cut, alpha);
+    }
+    RYE_DEVICE static F while_open(const F& transmittance, const F& stop, const F& alpha) {
+        if constexpr (gates > 0)
+            return alpha * from(transmittance, stop);
+        else
+            return when(transmittance >= stop, alpha);
+    }
+    /// Returns 1 from `least` on, 0 up to the number before.
+    RYE_DEVICE static F from(const F& x, const F& least) {
+        constexpr float steep = 0x1p120F;
+        return W::saturated(x, F(steep), W::next_below(least) * F(-steep));
     }
     RYE_DEVICE static auto moves(const F& most, const F& x) {
         if constexpr (clamps)
@@ -119,10 +137,12 @@ struct Taken {
 namespace detail {
 
 /// The formulas of splat/blend.hpp for four visits of each of four lanes at once.
-template <class W, class A, bool clamps = true>
+template <class W, class A, bool clamps = true, int gates = 0>
 struct WarpBlend {
     using F = typename W::F;
-    Blend<A, F, WarpPixels<W, clamps>, WarpExp2<W>> one_visit;
+    /// A floor gives each visit a cut of its own.
+    using Pixels = WarpPixels<W, clamps, (A::has_floor && gates > 1 ? 1 : gates)>;
+    Blend<A, F, Pixels, WarpExp2<W>> one_visit;
     F least; ///< the exponent at the cut
 
     RYE_DEVICE explicit WarpBlend(const A& a) : one_visit(a), least(least_exponent(a)) {}
@@ -161,20 +181,16 @@ struct WarpBlend {
     }
 };
 
-/// Calls f(the rules) for a group of visits: without the clamp of alpha if no opacity reaches it,
-/// which saves a tenth of the walk back.
-template <class W, class A, class F>
+/// Calls f(the rules) for a group of visits of few channels, without the clamp of alpha if no
+/// opacity reaches it.
+template <class W, bool few, class A, class F>
 RYE_DEVICE void with_rules(const A& accuracy, const Visits<W, A>& v, const F& f) {
     using std::log2;
-#if defined(RYE_NO_UNCLAMPED)
-    f(WarpBlend<W, A>(accuracy));
-#else
-    const float most = log2(static_cast<float>(accuracy.alpha_max)) - 1e-5F; // of rounding
-    if (W::any(v.most > typename W::F(most)))
-        f(WarpBlend<W, A>(accuracy));
-    else
-        f(WarpBlend<W, A, false>(accuracy));
-#endif
+    if constexpr (few) {
+        const float most = log2(static_cast<float>(accuracy.alpha_max)) - 1e-5F; // of rounding
+        if (!W::any(v.most > typename W::F(most))) return f(WarpBlend<W, A, false>(accuracy));
+    }
+    f(WarpBlend<W, A, true, few ? 0 : 1>(accuracy));
 }
 
 /// A warp's pixels: those of strip w of a tile.
