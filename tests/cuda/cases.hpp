@@ -111,6 +111,58 @@ inline Scenery<float> crowded(Index n, bool tied) {
     return s;
 }
 
+/// Gaussians in many rows of tiles: more than are kept, and more rows than a block has threads.
+inline Scenery<float> tall(Index n, Index channels) {
+    Scenery<float> s = random_scene<float>(n, channels, 81, 0.3);
+    s.name = "tall Gaussians";
+    for (Index i = 0; i < n; i += 3) s.gaussians.scale(1, i) *= 4;
+    s.camera.fy = 350;
+    s.camera.cy = 160;
+    s.camera.height = 333;
+    return s;
+}
+
+/// A frame that keeps nothing for a vjp has the same pictures, to the bit, in less memory.
+template <class Kernels, class Device>
+void without_vjp(const Device& device, const CudaQueue& queue, Index channels) {
+    using A = Drawing<Balanced, Outputs{.depth = true, .contributor = true}>;
+    const Scenery<float> s = random_scene<float>(200, channels, 5);
+    const DeviceRasterizer<A, Device, Kernels> rasterizer{};
+    const Index pixels = Index(s.camera.width) * s.camera.height;
+    const DeviceCloud<Device> cloud(device, queue, s.gaussians);
+    const DeviceArray<Device> bg(device, queue, Columns<float>(s.background));
+    const auto drawn = [&](bool for_vjp) {
+        const DeviceArray<Device> feature(device, queue, channels, pixels),
+            alpha(device, queue, 1, pixels), depth(device, queue, 1, pixels),
+            who(device, queue, 1, pixels);
+        DeviceFrame<Device> frame(device);
+        frame.for_vjp = for_vjp;
+        do
+            rasterizer.forward_into(
+                queue, cloud.view(), s.camera, bg.buffer.data(),
+                {feature.view(),
+                 alpha.view(),
+                 depth.view(),
+                 {reinterpret_cast<std::uint32_t*>(who.buffer.data()), 1, pixels}},
+                frame);
+        while (!frame.finish(queue));
+        struct {
+            Columns<float> feature, alpha, depth;
+            std::vector<std::uint32_t> who;
+            std::size_t bytes;
+        } r{feature.get(), alpha.get(), depth.get(), {}, frame.bytes()};
+        r.who.resize(static_cast<std::size_t>(pixels));
+        device.fetch(queue, r.who.data(), who.buffer.data(), r.who.size() * 4);
+        return r;
+    };
+    const auto with = drawn(true), without = drawn(false);
+    CHECK(with.feature == without.feature);
+    CHECK(with.alpha == without.alpha);
+    CHECK(with.depth == without.depth);
+    CHECK(with.who == without.who);
+    CHECK(without.bytes < with.bytes / 2);
+}
+
 template <class Device>
 void bad_input(const Device& device, const CudaQueue& queue) {
     using A = Balanced;

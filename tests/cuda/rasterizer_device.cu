@@ -52,6 +52,14 @@ TEST_CASE("device: crowded tiles") {
     against<double, Three>(CudaDevice(), queue(), crowded(5000, false), Balanced());
     against<double, Three>(CudaDevice(), queue(), crowded(5000, true), Balanced());
 }
+TEST_CASE("device: tall Gaussians") {
+    lists_equal<Balanced>(CudaDevice(), queue(), tall(1000, 3));
+    against<double, Three>(CudaDevice(), queue(), tall(200, 3), Balanced());
+}
+TEST_CASE("device: a frame without a vjp") {
+    without_vjp<Three>(CudaDevice(), queue(), 3);
+    without_vjp<KernelChannels<32>>(CudaDevice(), queue(), 32);
+}
 TEST_CASE("device: bad input") { bad_input(CudaDevice(), queue()); }
 TEST_CASE("device: a tile of 1e5 entries, and of 1e5 equal depths") {
     // 1e5 in the plain loops' float: both take the nearest alone, by the stop rule.

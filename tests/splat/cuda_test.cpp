@@ -34,6 +34,16 @@ TEST_CASE("cuda, emulated: a crowded tile") {
                            Balanced());
 }
 
+TEST_CASE("cuda, emulated: tall Gaussians") {
+    lists_equal<Balanced>(EmulatedDevice{PhaseOrder::shuffled}, host_queue, tall(150, 3));
+    against<double, Three>(EmulatedDevice{}, host_queue, tall(150, 3), Balanced());
+}
+
+TEST_CASE("cuda, emulated: a frame without a vjp") {
+    without_vjp<Three>(EmulatedDevice{}, host_queue, 3);
+    without_vjp<KernelChannels<16>>(EmulatedDevice{}, host_queue, 16);
+}
+
 TEST_CASE("cuda, emulated: rules") {
     against<float, Three>(EmulatedDevice{}, host_queue, random_scene<float>(200, 3, 5),
                           Compatible3dgsFloor());
@@ -80,7 +90,8 @@ TEST_CASE("cuda, emulated: colours from harmonics are the host's") {
     cloud.sh_constant = noise<float>(3, n, 2);
     cloud.sh_rest = noise<float>(45, n, 3);
     const Vec3<float> eye(0.1F, 0.2F, -3);
-    const Columns<float> g_rgb = noise<float>(3, n, 4);
+    Columns<float> g_rgb = noise<float>(3, n, 4);
+    g_rgb.rightCols(20).setZero(); // not read
     const EmulatedDevice device;
     const DeviceArray<EmulatedDevice> mean(device, host_queue, cloud.mean),
         constant(device, host_queue, cloud.sh_constant), rest(device, host_queue, cloud.sh_rest),
@@ -97,4 +108,6 @@ TEST_CASE("cuda, emulated: colours from harmonics are the host's") {
     CHECK(relative(g_mean.get(), gradient.mean) < 1e-6);
     CHECK(relative(g_constant.get(), gradient.sh_constant) < 1e-6);
     CHECK(relative(g_rest.get(), gradient.sh_rest) < 1e-6);
+    CHECK(g_rest.get().rightCols(20).isZero(0));
+    CHECK(g_constant.get().rightCols(20).isZero(0));
 }

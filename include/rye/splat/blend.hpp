@@ -72,11 +72,6 @@ struct SinglePixel {
     RYE_HD static V when(bool condition, const V& x) {
         return select(condition, x, V(0));
     }
-    /// Returns alpha, 0 for an exponent below the cut.
-    template <class V>
-    RYE_HD static V where_reached(const V&, const V&, const V& alpha) {
-        return alpha;
-    }
     /// Returns alpha, 0 for a pixel that is full.
     template <class V>
     RYE_HD static V while_open(const V&, const V&, const V& alpha) {
@@ -128,11 +123,6 @@ struct PixelGroup {
     template <class M, class V>
     RYE_HD static V when(const M& condition, const V& x) {
         return select(condition, x, V(real_t<V>(0)));
-    }
-    template <class V>
-    [[gnu::always_inline]] RYE_HD static V where_reached(const V& exponent, const V& cut,
-                                                         const V& alpha) {
-        return select(exponent >= cut, alpha, V(real_t<V>(0)));
     }
     template <class V>
     [[gnu::always_inline]] RYE_HD static V while_open(const V& transmittance, const V& stop,
@@ -221,7 +211,8 @@ struct Blend {
         V bell = V(Exp2()(exponent)), alpha = bell;
         if constexpr (A::has_floor) alpha = alpha - floor;
         if constexpr (Pixels::keeps_bell) bell = Pixels::when(alpha < alpha_max, bell);
-        return {Pixels::where_reached(exponent, cut, V(Pixels::at_most(alpha_max, alpha))), bell};
+        const auto reached = Pixels::settled(reaches(exponent, cut));
+        return {Pixels::when(reached, V(Pixels::at_most(alpha_max, alpha))), bell};
     }
 
     /// Returns the contribution to a pixel by the stop rule; `transmittance` becomes what is behind

@@ -34,8 +34,7 @@ struct DeviceWarp {
     __device__ static F fma(F a, F b, F c) { return __fmaf_rn(a, b, c); }
     __device__ static F saturated(F a, F b, F c) { return __saturatef(__fmaf_rn(a, b, c)); }
     __device__ static F next_below(F a) {
-        if (a == 0.0F) return -1e-30F;
-        return __uint_as_float(__float_as_uint(a) + (a > 0.0F ? 0xFFFFFFFFU : 1U));
+        return a > 0.0F ? __uint_as_float(__float_as_uint(a) - 1U) : -1.0F;
     }
     __device__ static F min(F a, F b) { return fminf(a, b); }
     __device__ static F max(F a, F b) { return fmaxf(a, b); }
@@ -54,7 +53,6 @@ struct DeviceWarp {
     __device__ static U below(std::uint32_t lanes) {
         return static_cast<U>(__popc(lanes & ((1U << lane()) - 1U)));
     }
-
     template <int k, class T>
     __device__ static T quad_up(T a, T other) {
         const T b = __shfl_up_sync(all_, a, k, 4);
@@ -73,7 +71,6 @@ struct DeviceWarp {
     __device__ static T across(T a) {
         return __shfl_xor_sync(all_, a, mask);
     }
-
     template <class T>
     __device__ static T across(T a, int mask) {
         return __shfl_xor_sync(all_, a, mask);
@@ -81,7 +78,6 @@ struct DeviceWarp {
     __device__ static U64 read64_where(M m, const U64* p, U i, U64 other) {
         return m ? p[i] : other;
     }
-
     template <class T>
     __device__ static auto read(const T* p, U i) {
         if constexpr (std::is_same_v<T, float>)
@@ -190,11 +186,9 @@ struct DeviceWarp {
     __device__ static void write2(float* p, U i, F a, F b) {
         reinterpret_cast<float2*>(p)[i] = make_float2(a, b);
     }
-
     __device__ static void write2_where(M m, float* p, U i, F a, F b) {
         if (m) reinterpret_cast<float2*>(p)[i] = make_float2(a, b);
     }
-
     __device__ static U pack(F a, F b) {
 #if !defined(__CUDA_ARCH__) || __CUDA_ARCH__ >= 800
         U r;

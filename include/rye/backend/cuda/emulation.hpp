@@ -37,15 +37,14 @@ struct HostWarp : detail::HostCopies {
     static F fma(const F& a, const F& b, const F& c) {
         return F::each([&](int l) { return std::fma(a.x[l], b.x[l], c.x[l]); });
     }
-    /// Returns a b + c between 0 and 1; and the number before a, of 0 one that is not too small.
+    /// Returns a b + c between 0 and 1; and the number before a, or -1 if a is not positive.
     static F saturated(const F& a, const F& b, const F& c) {
         return F::each([&](int l) {
             return std::fmin(std::fmax(std::fma(a.x[l], b.x[l], c.x[l]), 0.0F), 1.0F);
         });
     }
     static F next_below(const F& a) {
-        return F::each(
-            [&](int l) { return a.x[l] == 0 ? -1e-30F : std::nextafter(a.x[l], -INFINITY); });
+        return F::each([&](int l) { return a.x[l] > 0 ? std::nextafter(a.x[l], 0.0F) : -1.0F; });
     }
     static F min(const F& a, const F& b) {
         return F::each([&](int l) { return std::fmin(a.x[l], b.x[l]); });

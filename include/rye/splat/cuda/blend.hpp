@@ -250,7 +250,7 @@ struct BlendKernel {
                           const StripPixels<W>& pixels) const {
         using F = typename W::F;
         using U = typename W::U;
-        const WarpBlend<W, A, true, Layout::products ? 0 : 1> rules(accuracy);
+        const WarpBlend<W, A, true, !Layout::products> rules(accuracy);
         const std::uint32_t at = s.done % Found::capacity;
         if (memory.groups > 0) keep<W>(found, s, at);
         const U first = U(at) + W::lane() % U(4) * U(4);
@@ -273,8 +273,7 @@ struct BlendKernel {
     /// Blends a group's visits into all rows of the strip by the rules `by`.
     template <class W, class Rules>
     RYE_DEVICE void rows([[maybe_unused]] const Found& found, StripSums<W, A, C>& s,
-                         const Visits<W, A>& v, const Rules& by,
-                         const typename W::U& first) const {
+                         const Visits<W, A>& v, const Rules& by, const typename W::U& first) const {
         using F = typename W::F;
         using U = typename W::U;
         const auto row = [&](auto j) {

@@ -43,7 +43,8 @@ struct BlockTiles {
                          const First& first, const Last& last) {
         const std::uint32_t tasks = block.exclusive_sums(before);
         block.each_thread([&](int t) {
-            some(t, tasks, [&](std::uint32_t k) { return task(k); }, first, last);
+            some(
+                t, tasks, [&](std::uint32_t k) { return task(k); }, first, last);
         });
         if (tall == 0) return;
         block.each_thread([&](int t) {

@@ -109,8 +109,8 @@ struct ProjectKernel {
         return finite;
     }
 
-    /// Writes a Gaussian's record and, if it is visible, finds its rows of tiles; returns the number
-    /// of tiles.
+    /// Writes a Gaussian's record and, if it is visible, finds its rows of tiles; returns the
+    /// number of tiles.
     RYE_DEVICE std::uint32_t reach(std::uint32_t i, TileSpans& spans,
                                    Footprint<float>& footprint) const {
         typename DeviceLens<D>::Held held;
@@ -164,7 +164,7 @@ struct ScanKernel {
     /// Shared memory of a block.
     struct Shared {
         std::uint64_t wide[threads]; // a sum of 32 bits would hide too many entries
-        std::uint32_t in_class[threads];       ///< tiles of each length, the longest first
+        std::uint32_t in_class[threads];                ///< tiles of each length, the longest first
         std::uint32_t number[each * threads + threads]; ///< some of those that are summed
     };
     FrameMemory memory;
@@ -197,8 +197,8 @@ struct ScanKernel {
                     memory.begin[k] = 0;
             });
         sums(
-            block, shared, memory.blocks,
-            [&](std::uint32_t k) { return memory.block_places[k]; }, memory.block_places);
+            block, shared, memory.blocks, [&](std::uint32_t k) { return memory.block_places[k]; },
+            memory.block_places);
     }
 
   private:
@@ -302,8 +302,8 @@ struct BinKernel {
             [&](const BlockTiles::Task& k, const Array<std::uint32_t, 2>& at) {
                 const std::uint32_t owner = base + k.own;
                 const std::uint32_t place = before + shared.before[k.own] + k.rank;
-                memory.key[at[0] + at[1]] = std::uint64_t(tiles.spans[k.own].key) << 32U |
-                                            (kept ? place : owner);
+                memory.key[at[0] + at[1]] =
+                    std::uint64_t(tiles.spans[k.own].key) << 32U | (kept ? place : owner);
                 if (kept) Block::write_once(memory.owner + place, owner);
             });
     }

@@ -13,20 +13,20 @@ template <class A, class D, int C>
 struct MergeKernel {
     using Layout = ChannelLayout<C>;
     static constexpr const char* name = "merge of gradients";
-    static constexpr int threads = 128, blocks = 7;
+    static constexpr int threads = 128, blocks = Layout::products ? 6 : 7;
     static constexpr int quads = Layout::stride / 4;
     /// Number of places that a thread tests together: the blocks of a head have 4.1 places a
-    /// Gaussian. Slots of many channels leave shared memory for 4.
-    static constexpr int of_thread = Layout::products ? 4 : 5;
+    /// Gaussian.
+    static constexpr int of_thread = 5;
     static constexpr std::uint32_t chunk = of_thread * threads;
     /// Parts of the slots that are added at once, each by a thread for every four numbers.
     static constexpr std::uint32_t parts = threads / quads;
     /// Shared memory of a block.
     struct Shared {
         alignas(16) float sum[threads][Layout::stride];
-        Quad4 carry[parts * quads];     ///< sums of the Gaussian that a part begins within
-        std::uint32_t carried[parts];   ///< that Gaussian, or none_of
-        std::uint32_t found[threads];   ///< a thread's slots, then those of threads before it
+        Quad4 carry[parts * quads];   ///< sums of the Gaussian that a part begins within
+        std::uint32_t carried[parts]; ///< that Gaussian, or none_of
+        std::uint32_t found[threads]; ///< a thread's slots, then those of threads before it
         std::uint32_t slot[chunk * tile_strips];
         std::uint8_t own[chunk * tile_strips]; ///< the slot's Gaussian
     };
@@ -50,8 +50,8 @@ struct MergeKernel {
         const std::uint32_t places = block.exclusive_sums(shared.found);
         const std::size_t start = memory.block_places[block.index()];
         for (std::uint32_t at = 0; at < places; at += chunk) {
-            const std::uint32_t found = find(block, shared, base, start + at,
-                                             rye::min(places - at, std::uint32_t(chunk)));
+            const std::uint32_t found =
+                find(block, shared, base, start + at, rye::min(places - at, std::uint32_t(chunk)));
             block.each_thread([&](int t) { add_part(shared, t / quads, t % quads, found); });
             block.each_thread([&](int t) { add_carries(shared, t / quads, t % quads); });
         }

@@ -76,8 +76,7 @@ struct DeviceRasterizer {
         const Device& device = frame.device;
         device.fill(queue, m.counters, 0,
                     std::size_t(m.tiles) * detail::FrameMemory::apart * sizeof(std::uint32_t) +
-                        sizeof(FrameReport) +
-                        detail::FrameMemory::classes * sizeof(std::uint32_t));
+                        sizeof(FrameReport) + detail::FrameMemory::classes * sizeof(std::uint32_t));
         device.launch(queue, m.blocks,
                       detail::ProjectKernel<A, D>{g, lens(camera), accuracy, camera.cx, camera.cy,
                                                   camera.width, camera.height, m});

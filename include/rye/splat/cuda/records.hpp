@@ -84,8 +84,8 @@ struct FrameMemory {
     std::uint32_t* order;    ///< tiles, the longest lists first
     std::uint32_t* last;     ///< [strips] last group of the strip, or none_of
     // By number of groups, in classes.
-    std::uint32_t* walked;     ///< [classes] strips whose groups are kept
-    std::uint32_t* walked_of;  ///< [classes x strips] those strips, in any order
+    std::uint32_t* walked;    ///< [classes] strips whose groups are kept
+    std::uint32_t* walked_of; ///< [classes x strips] those strips, in any order
     // By entry.
     std::uint64_t* key;    ///< depth, then place, or Gaussian if nothing is kept; in any order
     std::uint32_t* sorted; ///< Gaussians near to far, as far as they were sorted
@@ -94,7 +94,7 @@ struct FrameMemory {
     // nothing is kept for a vjp.
     std::uint32_t* owner;  ///< the Gaussian
     std::uint32_t* touched; ///< bits [8 places, strips]: 1 if the strip has a slot
-    StripSlots* slot;      ///< index of the slot of each strip, if there is one
+    StripSlots* slot;       ///< index of the slot of each strip, if there is one
     // By group of visits of a strip.
     std::uint32_t* before; ///< the strip's group nearer to the eye, or none_of
     std::uint32_t* visits; ///< 16 Gaussians, then their 16 places

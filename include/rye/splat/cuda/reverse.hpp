@@ -300,7 +300,8 @@ struct ReverseKernel {
         W::set_bit(has, memory.touched, now.place / U(8),
                    now.place % U(8) * U(tile_strips) + U(strip));
         const U place = now.place * U(tile_strips) + U(strip);
-        W::write_where(has, reinterpret_cast<std::uint32_t*>(memory.slot), place, U(now.group * group_visits) + W::lane());
+        W::write_where(has, reinterpret_cast<std::uint32_t*>(memory.slot), place,
+                       U(now.group * group_visits) + W::lane());
     }
 
     /// Steps back over all rows of the strip, and writes what features get.

@@ -148,7 +148,8 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
         });
         block.each_thread([&](int t) {
             Rows::each(order, base, count, t, [&](Index from, int to) {
-                if (shared.used[to / rye::max(Rows::row, 1)] != 0) shared.rest[to] = in.rest.data[from];
+                if (shared.used[to / rye::max(Rows::row, 1)] != 0)
+                    shared.rest[to] = in.rest.data[from];
             });
         });
         block.each_thread([&](int t) {

@@ -72,9 +72,9 @@ struct Visits {
 };
 
 /// The pixels of a warp, for splat/blend.hpp: a group of them, with the instructions of a device.
-/// clamps: false if no alpha reaches alpha_max. gates: 1, the stop rule is a product, 2, so is the
-/// cut, for walks that wait for the units of comparisons.
-template <class W, bool clamps, int gates>
+/// clamps: false if no alpha reaches alpha_max. gated: the stop rule is a product, for walks that
+/// wait for the units of comparisons.
+template <class W, bool clamps, bool gated>
 struct WarpPixels : PixelGroup {
     using F = typename W::F;
     static constexpr bool slope_from_weight = true;
@@ -90,22 +90,13 @@ struct WarpPixels : PixelGroup {
         else
             return x;
     }
-    RYE_DEVICE static F where_reached(const F& exponent, const F& cut, const F& alpha) {
-        if constexpr (gates > 1)
-            return alpha * from(exponent, cut);
-        else
-            return when(exponent >= cut, alpha);
-    }
     RYE_DEVICE static F while_open(const F& transmittance, const F& stop, const F& alpha) {
-        if constexpr (gates > 0)
-            return alpha * from(transmittance, stop);
-        else
+        if constexpr (gated) { // by 1 from `stop` on, by 0 up to the number before
+            constexpr float steep = 0x1p120F;
+            return alpha * W::saturated(transmittance, F(steep), W::next_below(stop) * F(-steep));
+        } else {
             return when(transmittance >= stop, alpha);
-    }
-    /// Returns 1 from `least` on, 0 up to the number before.
-    RYE_DEVICE static F from(const F& x, const F& least) {
-        constexpr float steep = 0x1p120F;
-        return W::saturated(x, F(steep), W::next_below(least) * F(-steep));
+        }
     }
     RYE_DEVICE static auto moves(const F& most, const F& x) {
         if constexpr (clamps)
@@ -137,12 +128,10 @@ struct Taken {
 namespace detail {
 
 /// The formulas of splat/blend.hpp for four visits of each of four lanes at once.
-template <class W, class A, bool clamps = true, int gates = 0>
+template <class W, class A, bool clamps = true, bool gated = false>
 struct WarpBlend {
     using F = typename W::F;
-    /// A floor gives each visit a cut of its own.
-    using Pixels = WarpPixels<W, clamps, (A::has_floor && gates > 1 ? 1 : gates)>;
-    Blend<A, F, Pixels, WarpExp2<W>> one_visit;
+    Blend<A, F, WarpPixels<W, clamps, gated>, WarpExp2<W>> one_visit;
     F least; ///< the exponent at the cut
 
     RYE_DEVICE explicit WarpBlend(const A& a) : one_visit(a), least(least_exponent(a)) {}
@@ -181,8 +170,9 @@ struct WarpBlend {
     }
 };
 
-/// Calls f(the rules) for a group of visits of few channels, without the clamp of alpha if no
-/// opacity reaches it.
+/// Calls f(the rules) for the walk back over a group of visits: of few channels without the clamp
+/// of alpha if no opacity reaches it. The walk of many channels has no registers left for two
+/// loops.
 template <class W, bool few, class A, class F>
 RYE_DEVICE void with_rules(const A& accuracy, const Visits<W, A>& v, const F& f) {
     using std::log2;
@@ -190,7 +180,7 @@ RYE_DEVICE void with_rules(const A& accuracy, const Visits<W, A>& v, const F& f)
         const float most = log2(static_cast<float>(accuracy.alpha_max)) - 1e-5F; // of rounding
         if (!W::any(v.most > typename W::F(most))) return f(WarpBlend<W, A, false>(accuracy));
     }
-    f(WarpBlend<W, A, true, few ? 0 : 1>(accuracy));
+    f(WarpBlend<W, A, true, !few>(accuracy));
 }
 
 /// A warp's pixels: those of strip w of a tile.
