@@ -12,13 +12,14 @@
 #include <cstdint>
 #include <cstring>
 
+#include <rye/backend/cuda/group_products.hpp>
 #include <rye/backend/cuda/runtime.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
 
 namespace rye {
 
 /// A warp of the device; every function is called by all its lanes.
-struct DeviceWarp {
+struct DeviceWarp : detail::DeviceGroups {
     using F = float;
     using U = std::uint32_t;
     using U64 = std::uint64_t;
@@ -352,7 +353,8 @@ __global__ void __launch_bounds__(Kernel::threads, Kernel::blocks)
     run_kernel(const __grid_constant__ Kernel kernel) {
     extern __shared__ __align__(16) unsigned char shared_memory[];
     DeviceBlock<Kernel::threads> block;
-    kernel(block, *reinterpret_cast<typename Kernel::Shared*>(shared_memory));
+    if constexpr (has_code<Kernel>)
+        kernel(block, *reinterpret_cast<typename Kernel::Shared*>(shared_memory));
 }
 
 } // namespace detail
@@ -394,6 +396,9 @@ struct CudaDevice {
         check_cuda(cudaStreamSynchronize(queue.stream), "device memory");
     }
 };
+
+/// Returns the processors of a device whose program has kernels of groups for it, else 0.
+inline int processors_of_groups(const CudaDevice&) { return detail::processors_of_groups(); }
 
 } // namespace rye
 

@@ -16,13 +16,14 @@
 
 #include <rye/backend/cuda.hpp>
 #include <rye/backend/cuda/host_copies.hpp>
+#include <rye/backend/cuda/host_groups.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
 #include <rye/backend/cuda/warp_lanes.hpp>
 
 namespace rye {
 
 /// A warp of the host: the functions of backend/cuda/device.hpp's.
-struct HostWarp : detail::HostCopies {
+struct HostWarp : detail::HostCopies, detail::HostGroups {
     using F = Lanes<float>;
     using U = Lanes<std::uint32_t>;
     using U64 = Lanes<std::uint64_t>;
@@ -347,6 +348,7 @@ class HostBlock {
 /// The device of the host: memory is the host's, and all is done when a call returns.
 struct EmulatedDevice {
     PhaseOrder order = PhaseOrder::forward;
+    int processors_of_groups = 0; ///< 0: without kernels of groups
 
     template <class Kernel>
     void launch(const CudaQueue& queue, Index blocks, const Kernel& kernel) const {
@@ -380,6 +382,9 @@ struct EmulatedDevice {
             std::memcpy(to, from, bytes);
     }
 };
+
+/// Returns the processors of a device with kernels of groups, else 0.
+inline int processors_of_groups(const EmulatedDevice& d) { return d.processors_of_groups; }
 
 /// Memory of the host as device memory.
 struct HostMemory {

@@ -10,20 +10,17 @@
 #pragma once
 
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include <rye/core/error.hpp>
+#include <rye/nn/cuda/mlp_groups.hpp>
 #include <rye/nn/cuda/mlp_kernels.hpp>
 #include <rye/nn/cuda/mlp_weight_merge.hpp>
 #include <rye/nn/cuda/mlp_weights.hpp>
 #include <rye/nn/mlp.hpp>
 
 namespace rye {
-
-/// Weights (out x fan_in) and biases (out x 1) in device memory, as Mlp has them.
-struct DeviceMlpParameters {
-    std::vector<DeviceColumns<float>> weight, bias;
-};
 
 /// The arrays of a network of the host in device memory; `of` gives an array's, as Resident::of.
 template <class A, class Of>
@@ -42,26 +39,6 @@ struct DeviceMlpPoints {
     DeviceColumns<const float> inputs; ///< point inputs x N
     detail::DevicePoints of = {};
     Index room = inputs.cols;
-};
-
-namespace detail {
-
-/// Destinations of gradients; null pointers skip one.
-struct DeviceMlpGradient {
-    DeviceMlpParameters params;       ///< added to
-    DeviceColumns<float> points = {}; ///< point inputs x N, of points that passed
-    float* frame = nullptr;           ///< frame inputs
-    bool add = false;                 ///< to `points` and `frame`, which else are overwritten
-};
-
-} // namespace detail
-
-/// Memory that a vjp needs while it runs. Networks of one stream may share it.
-struct DeviceMlpScratch {
-    DeviceBuffer<std::uint16_t> cotangents;
-    DeviceBuffer<float> partial;
-
-    std::size_t bytes() const { return cotangents.bytes() + partial.bytes(); }
 };
 
 /// A network in device memory with its forward pass and vjp, on the stream of each call.
@@ -86,12 +63,16 @@ class DeviceMlp {
         within("number of point inputs", shape.point_inputs(), Tiles::inputs);
         for (int l = 0; l < shape.layers(); ++l)
             within("width of layer " + std::to_string(l), shape.layer_out(l), Tiles::width);
+        if constexpr (Groups::there)
+            if (Groups::fits(shape)) processors_ = processors_of_groups(device);
     }
 
     DeviceMlp(const DeviceMlp&) = delete;
     DeviceMlp& operator=(const DeviceMlp&) = delete;
 
     const MlpShape& shape() const { return shape_; }
+    /// Returns true if the device has kernels of groups for the shape (mlp_groups.hpp).
+    bool by_groups() const { return processors_ > 0; }
 
     /// Vjps take their memory there; it must live as long as the network.
     void share(DeviceMlpScratch& scratch) { scratch_ = &scratch; }
@@ -100,6 +81,11 @@ class DeviceMlp {
     void set(const CudaQueue& queue, const DeviceMlpParameters& p, const float* frame) {
         check(p);
         parameters_ = p;
+        if constexpr (Groups::there)
+            if (by_groups()) {
+                groups_.set(device_, queue, shape_, processors_, p);
+                return set_frame(queue, frame);
+            }
         const int count = shape_.layers(), inputs = shape_.point_inputs();
         Index words = 0, biases = 0;
         for (int l = 0; l < count; ++l) {
@@ -153,14 +139,16 @@ class DeviceMlp {
         detail::MlpBiasKernel biases{};
         biases.frame = frame;
         float* bias = numbers_.data();
-        for (int l = 0; l < network_.layers; ++l) {
+        for (int l = 0; l < shape_.layers(); ++l) {
             const auto i = static_cast<std::size_t>(l);
-            const detail::DeviceMlpLayer& layer = network_.layer[l];
-            biases.add(
-                {parameters_.bias[i].data,
-                 parameters_.weight[i].data + Index(layer.hidden + network_.inputs) * layer.out,
-                 layer.out, layer.takes_input ? shape_.frame_inputs : 0, bias, 0});
-            bias += detail::padded_16(layer.out);
+            const int out = shape_.layer_out(l);
+            if constexpr (Groups::there)
+                if (by_groups()) bias = groups_.bias(l);
+            biases.add({parameters_.bias[i].data,
+                        parameters_.weight[i].data +
+                            Index(shape_.hidden_in(l) + shape_.point_inputs()) * out,
+                        out, shape_.reads_input(l) ? shape_.frame_inputs : 0, bias, 0});
+            bias += detail::padded_16(out);
         }
         device_.launch(queue, biases.all, biases);
     }
@@ -178,6 +166,10 @@ class DeviceMlp {
                 ", 2^32 numbers of a layer are the most");
         network_.points = static_cast<std::uint32_t>(room);
         network_.of = points.of;
+        if constexpr (Groups::there)
+            if (by_groups())
+                return groups_.forward_into(device_, queue, points.inputs, points.of, room, out,
+                                            keep);
         if (keep) place(queue);
         device_.launch(queue, blocks(),
                        detail::MlpForwardKernel<Tiles, A>{network_, points.inputs, out, keep});
@@ -198,6 +190,10 @@ class DeviceMlp {
         if (g.points.data != nullptr)
             shaped("gradient of points", g.points.rows, network_.of.which ? n : g.points.cols,
                    shape_.point_inputs(), n);
+        if constexpr (Groups::there)
+            if (by_groups())
+                return groups_.vjp_into(device_, queue, g_out, g, *scratch_, shape_, parameters_,
+                                        frame_);
         place_cotangents(queue);
         device_.launch(queue, blocks(),
                        detail::MlpReverseKernel<Tiles, A>{network_, g_out, g.points, g.add});
@@ -226,10 +222,12 @@ class DeviceMlp {
 
     /// Memory that is held, without what is shared [bytes].
     std::size_t bytes() const {
-        return packed_.bytes() + numbers_.bytes() + kept_.bytes() + own_scratch_.bytes();
+        return packed_.bytes() + numbers_.bytes() + kept_.bytes() + own_scratch_.bytes() +
+               groups_.bytes();
     }
 
   private:
+    using Groups = detail::MlpGroupsOf<Device, Tiles, A>;
     using Cut = MlpWeightCut<Tiles::width <= 128 ? 128 : 256>;
 
     Index blocks() const { return (Index(network_.points) + Tiles::points - 1) / Tiles::points; }
@@ -311,6 +309,8 @@ class DeviceMlp {
     DeviceBuffer<std::uint16_t> kept_; ///< inputs, and outputs of hidden layers
     DeviceMlpScratch own_scratch_;
     DeviceMlpScratch* scratch_ = &own_scratch_;
+    int processors_ = 0; ///< with kernels of groups for the shape
+    Groups groups_;
 };
 
 } // namespace rye
