@@ -96,6 +96,8 @@ TEST_CASE("device: codes are the host's") { codes_against_host(CudaDevice(), que
 TEST_CASE("device: networks over the points of a list") {
     mlp_of_a_list<MlpTiles<2, 64, 32>>(CudaDevice(), queue(), 150);
     mlp_of_a_list<MlpTiles<2, 64, 32>>(CudaDevice(), queue(), 1);
+    mlp_of_a_list<MlpTiles<1, 128, 32>>(CudaDevice(), queue(), 150, {{21, 128, 128, 5}, 4});
+    mlp_of_a_list<MlpTiles<1, 128, 32>>(CudaDevice(), queue(), 1, {{22, 128, 6}, 4});
 }
 TEST_CASE("device: networks of one column are the host's") {
     mlp_column_against_host(CudaDevice(), queue(), {{21, 300, 33, 5}});

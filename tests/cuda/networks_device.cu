@@ -28,6 +28,18 @@ TEST_CASE("device: networks are the host's") {
     mlp_against_host<MlpTiles<3, 64, 32>>(device, queue(), {odd, 70, 1e-6, 2e-6});
     mlp_against_host<MlpTiles<2, 64, 32>>(device, queue(), {odd, 0, 2e-5, 2e-4});
 }
+TEST_CASE("device: networks by groups are the host's, where the build has their kernels") {
+    const CudaDevice device;
+    const MlpShape narrow{{128, 128, 128, 16}, 64}, wide{{192, 256, 256, 32}, 64},
+        deformation{{91, 128, 128, 128, 128, 3}, 64}, odd{{47, 128, 19}, 4};
+    MESSAGE("processors with such kernels: ", processors_of_groups(device));
+    for (const Index n : {20001, 64, 1, 0}) {
+        mlp_against_host<MlpTiles<1, 128, 64>>(device, queue(), {narrow, n, 1e-2, 0.1});
+        mlp_against_host<MlpTiles<1, 128, 32>>(device, queue(), {deformation, n, 1e-2, 0.1});
+        mlp_against_host<MlpTiles<1, 128, 64>>(device, queue(), {odd, n, 1e-2, 0.1});
+        mlp_against_host<MlpTiles<1, 256, 128>>(device, queue(), {wide, n, 1e-2, 0.1});
+    }
+}
 TEST_CASE("device: Adam is the host's") { adam_against_host(CudaDevice(), queue(), 1e-7); }
 TEST_CASE("device: networks that do not fit") { mlp_too_wide(CudaDevice()); }
 TEST_CASE("device: convolutions are the host's") {

@@ -174,12 +174,12 @@ void codes_against_host(const Device& device, const CudaQueue& queue) {
 /// A network over the points that a list names: as over those points alone, at their columns, and
 /// added to what is there. Columns that the list does not name keep their bits.
 template <class Tiles, class Device>
-void mlp_of_a_list(const Device& device, const CudaQueue& queue, Index listed) {
+void mlp_of_a_list(const Device& device, const CudaQueue& queue, Index listed,
+                   const MlpShape& s = {{21, 40, 33, 5}, 4}) {
     CAPTURE(listed);
-    const MlpShape s{{21, 40, 33, 5}, 4};
-    const Index n = 400, room = listed + 37;
+    const Index n = 400, inputs = s.point_inputs(), outputs = s.outputs(), room = listed + 37;
     const Mlp<float> m = Mlp<float>::init(s, Random{3});
-    const Columns<float> points = noise<float>(17, n, 1), frame = noise<float>(4, 1, 3);
+    const Columns<float> points = noise<float>(inputs, n, 1), frame = noise<float>(s.frame_inputs, 1, 3);
     std::vector<std::uint32_t> which(static_cast<std::size_t>(room), 0xFFFFFF);
     std::vector<Index> picked;
     for (Index k = 0; k < listed; ++k) {
@@ -187,7 +187,7 @@ void mlp_of_a_list(const Device& device, const CudaQueue& queue, Index listed) {
         which[static_cast<std::size_t>(k)] = static_cast<std::uint32_t>(picked.back());
     }
     const Columns<float> alone = pick_columns(points, picked);
-    Columns<float> g_out = noise<float>(5, room, 2), g_alone = g_out.leftCols(listed);
+    Columns<float> g_out = noise<float>(outputs, room, 2), g_alone = g_out.leftCols(listed);
     DeviceBuffer<std::uint32_t> list;
     list.reserve(queue, which.size() + 1);
     device.send(queue, list.data(), which.data(), which.size() * 4);
@@ -196,11 +196,11 @@ void mlp_of_a_list(const Device& device, const CudaQueue& queue, Index listed) {
     const DeviceParameters<Device> parameters(device, queue, m),
         gradient(device, queue, Mlp<float>(s)), expected(device, queue, Mlp<float>(s));
     const DeviceArray<Device> in(device, queue, points), in_alone(device, queue, alone),
-        of_frame(device, queue, frame), out(device, queue, 5, room),
-        out_alone(device, queue, 5, listed), g(device, queue, g_out),
+        of_frame(device, queue, frame), out(device, queue, outputs, room),
+        out_alone(device, queue, outputs, listed), g(device, queue, g_out),
         of_g_alone(device, queue, g_alone), g_frame(device, queue, frame),
-        g_frame_alone(device, queue, 4, 1), g_points(device, queue, points),
-        g_points_alone(device, queue, 17, listed);
+        g_frame_alone(device, queue, s.frame_inputs, 1), g_points(device, queue, points),
+        g_points_alone(device, queue, inputs, listed);
     DeviceMlpScratch scratch;
     DeviceMlp<Device, Tiles> network(device, s), other(device, s);
     network.share(scratch);

@@ -25,6 +25,11 @@ TEST_CASE("cuda, emulated: networks over the points of a list") {
     mlp_of_a_list<MlpTiles<2, 64, 32>>(EmulatedDevice{}, host_queue, 64);
     mlp_of_a_list<MlpTiles<2, 64, 32>>(EmulatedDevice{}, host_queue, 1);
 }
+TEST_CASE("cuda, emulated: networks by groups over the points of a list") {
+    const EmulatedDevice device{PhaseOrder::shuffled, 1};
+    mlp_of_a_list<MlpTiles<1, 128, 32>>(device, host_queue, 150, {{21, 128, 128, 5}, 4});
+    mlp_of_a_list<MlpTiles<1, 128, 32>>(device, host_queue, 1, {{22, 128, 6}, 4});
+}
 TEST_CASE("cuda, emulated: networks of one column are the host's") {
     for (const auto order : phase_orders)
         mlp_column_against_host(EmulatedDevice{order}, host_queue, {{21, 300, 33, 5}});
