@@ -179,7 +179,8 @@ void mlp_of_a_list(const Device& device, const CudaQueue& queue, Index listed,
     CAPTURE(listed);
     const Index n = 400, inputs = s.point_inputs(), outputs = s.outputs(), room = listed + 37;
     const Mlp<float> m = Mlp<float>::init(s, Random{3});
-    const Columns<float> points = noise<float>(inputs, n, 1), frame = noise<float>(s.frame_inputs, 1, 3);
+    const Columns<float> points = noise<float>(inputs, n, 1),
+                         frame = noise<float>(s.frame_inputs, 1, 3);
     std::vector<std::uint32_t> which(static_cast<std::size_t>(room), 0xFFFFFF);
     std::vector<Index> picked;
     for (Index k = 0; k < listed; ++k) {

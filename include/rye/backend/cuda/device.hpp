@@ -398,7 +398,9 @@ struct CudaDevice {
 };
 
 /// Returns the processors of a device whose program has kernels of groups for it, else 0.
-inline int processors_of_groups(const CudaDevice&) { return detail::processors_of_groups(); }
+template <class Device>
+    requires std::is_base_of_v<CudaDevice, Device>
+int processors_of_groups(const Device&) { return detail::GroupProbe<>::processors(); }
 
 } // namespace rye
 

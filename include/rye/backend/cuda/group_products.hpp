@@ -16,19 +16,13 @@
 #include <rye/backend/cuda/ring_memory.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
 
-#define RYE_SUMS_4(i) "+f"(d[i]), "+f"(d[i + 1]), "+f"(d[i + 2]), "+f"(d[i + 3])
-#define RYE_SUMS_AT(i) RYE_SUMS_4(i), RYE_SUMS_4(i + 4)
-#define RYE_SUMS_8 RYE_SUMS_AT(0)
-#define RYE_SUMS_16 RYE_SUMS_8, RYE_SUMS_AT(8)
-#define RYE_SUMS_32 RYE_SUMS_16, RYE_SUMS_AT(16), RYE_SUMS_AT(24)
-#define RYE_SUMS_64 \
-    RYE_SUMS_32, RYE_SUMS_AT(32), RYE_SUMS_AT(40), RYE_SUMS_AT(48), RYE_SUMS_AT(56)
-
 namespace rye::detail {
 
 /// True for kernels whose products are of groups.
 template <class Kernel>
-concept OfGroups = requires { Kernel::of_groups; };
+concept OfGroups = requires {
+    Kernel::of_groups;
+};
 
 /// True where a kernel has machine code: those of groups have it on sm_90a alone.
 template <class Kernel>
@@ -39,34 +33,33 @@ inline constexpr bool has_code =
     true;
 #endif
 
-/// Its shared memory tells whether the code that the current device runs has products of groups.
-struct GroupProbe {
-    static constexpr bool of_groups = true;
-};
-template <class Probe>
+/// The shared memory of a kernel that is never launched tells whether the code that the current
+/// device would run has products of groups.
+template <class Kernel>
 __global__ void group_probe(int* out) {
-    __shared__ int size[has_code<Probe> ? 64 : 32];
+    __shared__ int size[has_code<Kernel> ? 64 : 32];
     size[threadIdx.x % 32] = static_cast<int>(threadIdx.x);
     __syncthreads();
     if (out != nullptr) *out = size[(threadIdx.x + 1) % 32];
 }
+template <class = void>
+struct GroupProbe {
+    static constexpr bool of_groups = true;
 
-/// Returns the number of multiprocessors of the current device if the program has code for it with
-/// products of groups, else 0.
-inline int processors_of_groups() {
-    int device = 0, count = 0, major = 0;
-    cudaFuncAttributes found{};
-    if (cudaGetDevice(&device) != cudaSuccess ||
-        cudaDeviceGetAttribute(&major, cudaDevAttrComputeCapabilityMajor, device) != cudaSuccess ||
-        major != 9 ||
-        cudaFuncGetAttributes(&found, group_probe<GroupProbe>) != cudaSuccess ||
-        found.sharedSizeBytes < 64 * sizeof(int) ||
-        cudaDeviceGetAttribute(&count, cudaDevAttrMultiProcessorCount, device) != cudaSuccess) {
+    /// Returns the number of multiprocessors of the current device if the program has code for it
+    /// with products of groups, else 0.
+    static int processors() {
+        int device = 0, count = 0;
+        cudaFuncAttributes found{};
+        if (cudaGetDevice(&device) == cudaSuccess &&
+            cudaFuncGetAttributes(&found, group_probe<GroupProbe>) == cudaSuccess &&
+            found.sharedSizeBytes >= 64 * sizeof(int) &&
+            cudaDeviceGetAttribute(&count, cudaDevAttrMultiProcessorCount, device) == cudaSuccess)
+            return count;
         static_cast<void>(cudaGetLastError());
         return 0;
     }
-    return count;
-}
+};
 
 /// What a warp of a group does. Operands in shared memory are of tiles of 8 x 8 bf16, 128 bytes.
 struct DeviceGroups {
@@ -115,7 +108,8 @@ struct DeviceGroups {
                 "{ .reg .pred p; setp.ne.b32 p, %13, 0; "
                 "wgmma.mma_async.sync.aligned.m64n16k16.f32.bf16.bf16 {%0, %1, %2, %3, %4, "
                 "%5, %6, %7}, {%8, %9, %10, %11}, %12, p, 1, 1, %14; }"
-                : RYE_SUMS_8
+                : "+f"(d[0]), "+f"(d[1]), "+f"(d[2]), "+f"(d[3]), "+f"(d[4]), "+f"(d[5]),
+                  "+f"(d[6]), "+f"(d[7])
                 : "r"(a[0]), "r"(a[1]), "r"(a[2]), "r"(a[3]), "l"(b), "n"(onto), "n"(transposed));
         else if constexpr (n == 32)
             asm volatile(
@@ -123,7 +117,9 @@ struct DeviceGroups {
                 "wgmma.mma_async.sync.aligned.m64n32k16.f32.bf16.bf16 {%0, %1, %2, %3, %4, "
                 "%5, %6, %7, %8, %9, %10, %11, %12, %13, %14, %15}, {%16, %17, %18, %19}, "
                 "%20, p, 1, 1, %22; }"
-                : RYE_SUMS_16
+                : "+f"(d[0]), "+f"(d[1]), "+f"(d[2]), "+f"(d[3]), "+f"(d[4]), "+f"(d[5]),
+                  "+f"(d[6]), "+f"(d[7]), "+f"(d[8]), "+f"(d[9]), "+f"(d[10]), "+f"(d[11]),
+                  "+f"(d[12]), "+f"(d[13]), "+f"(d[14]), "+f"(d[15])
                 : "r"(a[0]), "r"(a[1]), "r"(a[2]), "r"(a[3]), "l"(b), "n"(onto), "n"(transposed));
         else if constexpr (n == 64)
             asm volatile(
@@ -132,7 +128,12 @@ struct DeviceGroups {
                 "%5, %6, %7, %8, %9, %10, %11, %12, %13, %14, %15, %16, %17, %18, %19, %20, "
                 "%21, %22, %23, %24, %25, %26, %27, %28, %29, %30, %31}, {%32, %33, %34, "
                 "%35}, %36, p, 1, 1, %38; }"
-                : RYE_SUMS_32
+                : "+f"(d[0]), "+f"(d[1]), "+f"(d[2]), "+f"(d[3]), "+f"(d[4]), "+f"(d[5]),
+                  "+f"(d[6]), "+f"(d[7]), "+f"(d[8]), "+f"(d[9]), "+f"(d[10]), "+f"(d[11]),
+                  "+f"(d[12]), "+f"(d[13]), "+f"(d[14]), "+f"(d[15]), "+f"(d[16]), "+f"(d[17]),
+                  "+f"(d[18]), "+f"(d[19]), "+f"(d[20]), "+f"(d[21]), "+f"(d[22]), "+f"(d[23]),
+                  "+f"(d[24]), "+f"(d[25]), "+f"(d[26]), "+f"(d[27]), "+f"(d[28]), "+f"(d[29]),
+                  "+f"(d[30]), "+f"(d[31])
                 : "r"(a[0]), "r"(a[1]), "r"(a[2]), "r"(a[3]), "l"(b), "n"(onto), "n"(transposed));
         else if constexpr (n == 128)
             asm volatile(
@@ -143,15 +144,25 @@ struct DeviceGroups {
                 "%36, %37, %38, %39, %40, %41, %42, %43, %44, %45, %46, %47, %48, %49, %50, "
                 "%51, %52, %53, %54, %55, %56, %57, %58, %59, %60, %61, %62, %63}, {%64, %65, "
                 "%66, %67}, %68, p, 1, 1, %70; }"
-                : RYE_SUMS_64
+                : "+f"(d[0]), "+f"(d[1]), "+f"(d[2]), "+f"(d[3]), "+f"(d[4]), "+f"(d[5]),
+                  "+f"(d[6]), "+f"(d[7]), "+f"(d[8]), "+f"(d[9]), "+f"(d[10]), "+f"(d[11]),
+                  "+f"(d[12]), "+f"(d[13]), "+f"(d[14]), "+f"(d[15]), "+f"(d[16]), "+f"(d[17]),
+                  "+f"(d[18]), "+f"(d[19]), "+f"(d[20]), "+f"(d[21]), "+f"(d[22]), "+f"(d[23]),
+                  "+f"(d[24]), "+f"(d[25]), "+f"(d[26]), "+f"(d[27]), "+f"(d[28]), "+f"(d[29]),
+                  "+f"(d[30]), "+f"(d[31]), "+f"(d[32]), "+f"(d[33]), "+f"(d[34]), "+f"(d[35]),
+                  "+f"(d[36]), "+f"(d[37]), "+f"(d[38]), "+f"(d[39]), "+f"(d[40]), "+f"(d[41]),
+                  "+f"(d[42]), "+f"(d[43]), "+f"(d[44]), "+f"(d[45]), "+f"(d[46]), "+f"(d[47]),
+                  "+f"(d[48]), "+f"(d[49]), "+f"(d[50]), "+f"(d[51]), "+f"(d[52]), "+f"(d[53]),
+                  "+f"(d[54]), "+f"(d[55]), "+f"(d[56]), "+f"(d[57]), "+f"(d[58]), "+f"(d[59]),
+                  "+f"(d[60]), "+f"(d[61]), "+f"(d[62]), "+f"(d[63])
                 : "r"(a[0]), "r"(a[1]), "r"(a[2]), "r"(a[3]), "l"(b), "n"(onto), "n"(transposed));
 #endif
     }
     /// ... of two operands in shared memory, whose neighbours are not those along K, for warp w of
     /// the group.
     template <int n>
-    __device__ static void product_transposed(Array<F, std::size_t(n / 2)>& d, Operand a,
-                                              Operand b, int) {
+    __device__ static void product_transposed(Array<F, std::size_t(n / 2)>& d, Operand a, Operand b,
+                                              int) {
 #if defined(__CUDA_ARCH_FEAT_SM90_ALL)
         static_assert(n == 16 || n == 32 || n == 64 || n == 128);
         constexpr bool onto = true;
@@ -160,7 +171,8 @@ struct DeviceGroups {
                 "{ .reg .pred p; setp.ne.b32 p, %10, 0; "
                 "wgmma.mma_async.sync.aligned.m64n16k16.f32.bf16.bf16 {%0, %1, %2, %3, %4, "
                 "%5, %6, %7}, %8, %9, p, 1, 1, 1, 1; }"
-                : RYE_SUMS_8
+                : "+f"(d[0]), "+f"(d[1]), "+f"(d[2]), "+f"(d[3]), "+f"(d[4]), "+f"(d[5]),
+                  "+f"(d[6]), "+f"(d[7])
                 : "l"(a), "l"(b), "n"(onto));
         else if constexpr (n == 32)
             asm volatile(
@@ -168,7 +180,9 @@ struct DeviceGroups {
                 "wgmma.mma_async.sync.aligned.m64n32k16.f32.bf16.bf16 {%0, %1, %2, %3, %4, "
                 "%5, %6, %7, %8, %9, %10, %11, %12, %13, %14, %15}, %16, %17, p, 1, 1, 1, 1; "
                 "}"
-                : RYE_SUMS_16
+                : "+f"(d[0]), "+f"(d[1]), "+f"(d[2]), "+f"(d[3]), "+f"(d[4]), "+f"(d[5]),
+                  "+f"(d[6]), "+f"(d[7]), "+f"(d[8]), "+f"(d[9]), "+f"(d[10]), "+f"(d[11]),
+                  "+f"(d[12]), "+f"(d[13]), "+f"(d[14]), "+f"(d[15])
                 : "l"(a), "l"(b), "n"(onto));
         else if constexpr (n == 64)
             asm volatile(
@@ -177,7 +191,12 @@ struct DeviceGroups {
                 "%5, %6, %7, %8, %9, %10, %11, %12, %13, %14, %15, %16, %17, %18, %19, %20, "
                 "%21, %22, %23, %24, %25, %26, %27, %28, %29, %30, %31}, %32, %33, p, 1, 1, "
                 "1, 1; }"
-                : RYE_SUMS_32
+                : "+f"(d[0]), "+f"(d[1]), "+f"(d[2]), "+f"(d[3]), "+f"(d[4]), "+f"(d[5]),
+                  "+f"(d[6]), "+f"(d[7]), "+f"(d[8]), "+f"(d[9]), "+f"(d[10]), "+f"(d[11]),
+                  "+f"(d[12]), "+f"(d[13]), "+f"(d[14]), "+f"(d[15]), "+f"(d[16]), "+f"(d[17]),
+                  "+f"(d[18]), "+f"(d[19]), "+f"(d[20]), "+f"(d[21]), "+f"(d[22]), "+f"(d[23]),
+                  "+f"(d[24]), "+f"(d[25]), "+f"(d[26]), "+f"(d[27]), "+f"(d[28]), "+f"(d[29]),
+                  "+f"(d[30]), "+f"(d[31])
                 : "l"(a), "l"(b), "n"(onto));
         else if constexpr (n == 128)
             asm volatile(
@@ -188,7 +207,17 @@ struct DeviceGroups {
                 "%36, %37, %38, %39, %40, %41, %42, %43, %44, %45, %46, %47, %48, %49, %50, "
                 "%51, %52, %53, %54, %55, %56, %57, %58, %59, %60, %61, %62, %63}, %64, %65, "
                 "p, 1, 1, 1, 1; }"
-                : RYE_SUMS_64
+                : "+f"(d[0]), "+f"(d[1]), "+f"(d[2]), "+f"(d[3]), "+f"(d[4]), "+f"(d[5]),
+                  "+f"(d[6]), "+f"(d[7]), "+f"(d[8]), "+f"(d[9]), "+f"(d[10]), "+f"(d[11]),
+                  "+f"(d[12]), "+f"(d[13]), "+f"(d[14]), "+f"(d[15]), "+f"(d[16]), "+f"(d[17]),
+                  "+f"(d[18]), "+f"(d[19]), "+f"(d[20]), "+f"(d[21]), "+f"(d[22]), "+f"(d[23]),
+                  "+f"(d[24]), "+f"(d[25]), "+f"(d[26]), "+f"(d[27]), "+f"(d[28]), "+f"(d[29]),
+                  "+f"(d[30]), "+f"(d[31]), "+f"(d[32]), "+f"(d[33]), "+f"(d[34]), "+f"(d[35]),
+                  "+f"(d[36]), "+f"(d[37]), "+f"(d[38]), "+f"(d[39]), "+f"(d[40]), "+f"(d[41]),
+                  "+f"(d[42]), "+f"(d[43]), "+f"(d[44]), "+f"(d[45]), "+f"(d[46]), "+f"(d[47]),
+                  "+f"(d[48]), "+f"(d[49]), "+f"(d[50]), "+f"(d[51]), "+f"(d[52]), "+f"(d[53]),
+                  "+f"(d[54]), "+f"(d[55]), "+f"(d[56]), "+f"(d[57]), "+f"(d[58]), "+f"(d[59]),
+                  "+f"(d[60]), "+f"(d[61]), "+f"(d[62]), "+f"(d[63])
                 : "l"(a), "l"(b), "n"(onto));
 #endif
     }
@@ -200,6 +229,17 @@ struct DeviceGroups {
         asm("set.gt.u32.bf16x2 %0, %1, %2;" : "=r"(r) : "r"(pair), "r"(0U));
 #endif
         return r;
+    }
+
+    /// Starts to bring p[i] and what lies around it to the device's cache, where the mask holds.
+    template <class T>
+    __device__ static void prefetch(bool m, const T* p, U i) {
+        if (m) asm volatile("prefetch.global.L2 [%0];" ::"l"(__cvta_generic_to_global(p + i)));
+    }
+    /// Waits for so many cycles.
+    __device__ static void pause(int cycles) {
+        const long long begin = clock64();
+        while (clock64() - begin < cycles) {}
     }
 
     /// Makes a ring ready for so many warps that take from it; by one thread, before the block's
@@ -255,9 +295,9 @@ struct DeviceGroups {
 #if defined(__CUDA_ARCH_FEAT_SM90_ALL)
         __syncwarp();
         if (threadIdx.x % 32 == 0)
-            asm volatile("mbarrier.arrive.shared::cta.b64 _, [%0];" ::"r"(
-                             address(&ring.empty[place.slot]))
-                         : "memory");
+            asm volatile(
+                "mbarrier.arrive.shared::cta.b64 _, [%0];" ::"r"(address(&ring.empty[place.slot]))
+                : "memory");
 #endif
     }
 
@@ -280,12 +320,5 @@ struct DeviceGroups {
 };
 
 } // namespace rye::detail
-
-#undef RYE_SUMS_4
-#undef RYE_SUMS_AT
-#undef RYE_SUMS_8
-#undef RYE_SUMS_16
-#undef RYE_SUMS_32
-#undef RYE_SUMS_64
 
 #endif

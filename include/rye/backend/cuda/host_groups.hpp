@@ -61,6 +61,10 @@ struct HostGroups {
         });
     }
 
+    template <class T>
+    static void prefetch(const Lanes<bool>&, const T*, const U&) {}
+    static void pause(int) {}
+
     template <class Ring>
     static void set_ring(Ring&, int) {}
     template <class Ring, class F2>
@@ -91,8 +95,8 @@ struct HostGroups {
         return whole(half);
     }
     template <int n, bool transposed>
-    static void sums(Array<F, std::size_t(n / 2)>& d, const float (&left)[16][16],
-                     const Operand& b, bool onto) {
+    static void sums(Array<F, std::size_t(n / 2)>& d, const float (&left)[16][16], const Operand& b,
+                     bool onto) {
         for (int column = 0; column < n; ++column) {
             float right[16];
             for (int k = 0; k < 16; ++k) right[k] = element<transposed>(b, column, k);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/backend/cuda/ring_memory.hpp: slots of shared memory that one warp of a block fills, in turn,
-/// by copies of many bytes at once, and others take and give back.
+/// rye/backend/cuda/ring_memory.hpp: slots of shared memory that one warp of a block fills, in
+/// turn, by copies of many bytes at once, and others take and give back.
 #pragma once
 
 #include <cstddef>
