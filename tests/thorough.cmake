@@ -207,9 +207,9 @@ endif()
 
 # ---- kernels of a device: their machine code everywhere that nvcc is; on a device they run --------
 # Each architecture takes a minute and a half: release has all, and the others the newest.
-set(architectures 90)
+set(architectures 90 90a)
 if(RYE_TESTS STREQUAL release)
-  set(architectures 75 80 90)
+  set(architectures 75 80 90 90a)
 else()
   rye_not_run(device_kernels_75_80 "check.sh --release runs it")
 endif()

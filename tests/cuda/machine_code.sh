@@ -1,9 +1,10 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # machine_code.sh [--record] FLAGS_FILE RECORD [ARCHITECTURE...]: compiles kernels.cu for these, or for
-# 75, 80 and 90, where nvcc is, with warnings as errors, and holds registers, spilled bytes and machine instructions of
-# each kernel against the record: at most 1.10 times, spills not at all more. An instruction is 16
-# bytes of a kernel's section. --record writes the record anew. nvcc: $NVCC, of the PATH, or of
+# 75, 80, 90 and 90a, which has group_kernels.cu instead, where nvcc is, with warnings as errors, and
+# holds registers, spilled bytes and machine instructions of each kernel against the record: at most
+# 1.10 times, spills not at all more; products of groups must not wait for one another. An
+# instruction is 16 bytes of a kernel's section. --record writes the record anew. nvcc: $NVCC, of the PATH, or of
 # /usr/local/cuda. c++filt, of binutils as readelf, reads names; the record has them without namespaces.
 set -eu
 write=no
@@ -18,7 +19,7 @@ not_compiled="device_kernels: skipped, no nvcc is there, so no machine code was 
 flags_file=$1
 record=$2
 shift 2
-[ $# -gt 0 ] || set -- 75 80 90
+[ $# -gt 0 ] || set -- 75 80 90 90a
 includes="-isystem /usr/include/eigen3 $(sed -n 's/^-isystem/-isystem /p' "$flags_file" | tr '\n' ' ')"
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -29,12 +30,15 @@ plain_names() {
 }
 
 for architecture; do
+    source=kernels.cu
+    if [ "$architecture" = 90a ]; then source=group_kernels.cu; fi
     # shellcheck disable=SC2086 # the folders are several words
     "$nvcc" -std=c++20 -O3 -DNDEBUG -DEIGEN_DONT_PARALLELIZE --fmad=false -Werror all-warnings \
         -diag-suppress 20012,20015 -I"$here/../../include" $includes \
         -gencode "arch=compute_$architecture,code=sm_$architecture" -cubin -Xptxas -v \
-        -o "$work/kernels.cubin" "$here/kernels.cu" 2> "$work/log" ||
+        -o "$work/kernels.cubin" "$here/$source" 2> "$work/log" ||
         { cat "$work/log"; exit 1; }
+    if grep "wgmma.* serialized" "$work/log"; then exit 1; fi
     awk -v sm="sm_$architecture" '
         /Compiling entry function/ { split($0, part, "\047"); name = part[2] }
         /bytes stack frame/ { spill[name] = $5 }

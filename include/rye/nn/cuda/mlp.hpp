@@ -83,8 +83,8 @@ class DeviceMlp {
         parameters_ = p;
         if constexpr (Groups::there)
             if (by_groups()) {
-                groups_.set(device_, queue, shape_, processors_, p);
-                return set_frame(queue, frame);
+                frame_ = frame;
+                return groups_.set(device_, queue, shape_, processors_, p, frame);
             }
         const int count = shape_.layers(), inputs = shape_.point_inputs();
         Index words = 0, biases = 0;
@@ -136,19 +136,19 @@ class DeviceMlp {
     /// Other frame inputs for the weights and biases that were taken.
     void set_frame(const CudaQueue& queue, const float* frame) {
         frame_ = frame;
+        if constexpr (Groups::there)
+            if (by_groups()) return groups_.set_frame(device_, queue, shape_, parameters_, frame);
         detail::MlpBiasKernel biases{};
         biases.frame = frame;
         float* bias = numbers_.data();
-        for (int l = 0; l < shape_.layers(); ++l) {
+        for (int l = 0; l < network_.layers; ++l) {
             const auto i = static_cast<std::size_t>(l);
-            const int out = shape_.layer_out(l);
-            if constexpr (Groups::there)
-                if (by_groups()) bias = groups_.bias(l);
-            biases.add({parameters_.bias[i].data,
-                        parameters_.weight[i].data +
-                            Index(shape_.hidden_in(l) + shape_.point_inputs()) * out,
-                        out, shape_.reads_input(l) ? shape_.frame_inputs : 0, bias, 0});
-            bias += detail::padded_16(out);
+            const detail::DeviceMlpLayer& layer = network_.layer[l];
+            biases.add(
+                {parameters_.bias[i].data,
+                 parameters_.weight[i].data + Index(layer.hidden + network_.inputs) * layer.out,
+                 layer.out, layer.takes_input ? shape_.frame_inputs : 0, bias, 0});
+            bias += detail::padded_16(layer.out);
         }
         device_.launch(queue, biases.all, biases);
     }

@@ -80,26 +80,47 @@ struct MlpGroupPackJob {
     int word;  ///< where it begins
 };
 
-/// All operands of a network: 8 numbers along K by n in tiles of 8 x 8, numbers along K neighbours.
+/// All operands of a network, 8 numbers along K by n in tiles of 8 x 8, numbers along K neighbours,
+/// and biases with the products of the frame inputs.
 struct MlpGroupPackKernel {
     static constexpr const char* name = "network's operands";
     static constexpr int threads = 128, blocks = 8;
     static constexpr int most = 6 * DeviceMlpNetwork::most_layers;
-    struct Shared {};
+    static constexpr int parts = 8, at_once = 8; ///< of the frame inputs; weights read together
+    struct Shared {
+        float part[threads];
+    };
     MlpGroupPackJob job[most];
     int jobs = 0, words = 0;
     std::uint32_t* to;
+    MlpBiasJob bias[DeviceMlpNetwork::most_layers];
+    int layers = 0, bias_blocks = 0;
+    const float* frame;
 
     void add(MlpGroupPackJob own) {
         own.word = words;
         job[jobs++] = own;
         words += own.k * own.n / 2;
     }
-    Index all() const { return (words + threads - 1) / threads; }
+    void add(MlpBiasJob own) {
+        own.first = bias_blocks;
+        bias[layers++] = own;
+        bias_blocks += (own.out * parts + threads - 1) / threads;
+    }
+    Index all() const { return bias_blocks + (words + threads - 1) / threads; }
     template <class Block>
-    RYE_DEVICE void operator()(Block& block, Shared&) const {
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        if (block.index() < bias_blocks)
+            add_frame(block, shared);
+        else
+            pack(block);
+    }
+
+  private:
+    template <class Block>
+    RYE_DEVICE void pack(Block& block) const {
         block.each_thread([&](int t) {
-            const int at = block.index() * threads + t;
+            const int at = (block.index() - bias_blocks) * threads + t;
             if (at >= words) return;
             int j = 0;
             while (j + 1 < jobs && job[j + 1].word <= at) ++j;
@@ -109,8 +130,37 @@ struct MlpGroupPackKernel {
             to[at] = Block::pack(number(own, k, n), number(own, k + 1, n));
         });
     }
-
-  private:
+    template <class Block>
+    RYE_DEVICE void add_frame(Block& block, Shared& shared) const {
+        int l = 0;
+        while (l + 1 < layers && bias[l + 1].first <= block.index()) ++l;
+        const MlpBiasJob& own = bias[l];
+        constexpr int outputs = threads / parts;
+        const int first = (block.index() - own.first) * outputs;
+        block.each_thread([&](int t) {
+            const int o = first + t % outputs, part = t / outputs;
+            float sum = 0;
+            for (int f = part; f < own.frame_inputs && o < own.out; f += parts * at_once) {
+                float weight[std::size_t(at_once)];
+                repeated<at_once>([&](auto k) {
+                    const int at = f + k * parts;
+                    weight[k] = at < own.frame_inputs ? own.weight[Index(at) * own.out + o] : 0.0F;
+                });
+                repeated<at_once>([&](auto k) {
+                    const int at = f + k * parts;
+                    if (at < own.frame_inputs) sum += weight[k] * frame[at];
+                });
+            }
+            shared.part[t] = sum;
+        });
+        block.each_thread([&](int t) {
+            const int o = first + t;
+            if (t >= outputs || o >= own.out) return;
+            float sum = own.bias[o];
+            for (int part = 0; part < parts; ++part) sum += shared.part[part * outputs + t];
+            own.to[o] = sum;
+        });
+    }
     RYE_DEVICE static float number(const MlpGroupPackJob& own, int k, int n) {
         return k < own.k_count && n < own.n_count ? own.from[k * own.k_apart + n * own.n_apart]
                                                   : 0.0F;

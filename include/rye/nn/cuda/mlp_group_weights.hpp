@@ -69,10 +69,10 @@ struct MlpGroupWeightCut {
             numbers += blocks * layer[l].numbers();
         }
     }
-    /// Tiles of 64 points of a slice of so many points.
-    RYE_HD static int tiles_of(std::uint32_t count, int slices) {
-        const auto all_tiles = static_cast<int>((count + 63) / 64);
-        return rye::max((all_tiles + slices - 1) / slices, 4);
+    /// Tiles of 64 points of slice s: s, s + slices, ... What the reverse pass wrote last, which
+    /// the cache still has, all slices read first.
+    RYE_HD static int tiles_of(std::uint32_t count, int slices, int s) {
+        return (static_cast<int>((count + 63) / 64) - s + slices - 1) / slices;
     }
 };
 
@@ -103,9 +103,7 @@ struct MlpGroupWeightKernel {
         const int tiles = layer.tiles(), at_block = block.index() - layer.first;
         const int part = at_block % tiles, slice = at_block / tiles;
         const std::uint32_t count = cut.of.among(cut.points);
-        const int of_slice = MlpGroupWeightCut::tiles_of(count, layer.slices);
-        const int begin = slice * of_slice;
-        const int steps = rye::min(of_slice, static_cast<int>((count + 63) / 64) - begin);
+        const int steps = MlpGroupWeightCut::tiles_of(count, layer.slices, slice);
         if (steps <= 0) return;
         block.each_thread([&](int t) {
             if (t == 0) W::set_ring(shared, 4 * groups);
@@ -115,7 +113,7 @@ struct MlpGroupWeightKernel {
                   rows = rye::min(layer.high, layer.rows() - first);
         const int of_hidden = rye::max(0, rye::min(rows, layer.hidden_rows - first));
         const auto piece = [&](int k, const auto& copy) {
-            const Index tile = begin + k;
+            const Index tile = slice + Index(k) * layer.slices;
             copy(0, layer.cotangent + tile * 64 * layer.kept, 128 * layer.kept);
             const int at = 128 * layer.columns;
             if (of_hidden > 0)
@@ -255,8 +253,7 @@ struct MlpGroupMergeKernel {
         const MlpGroupWeightLayer& layer = cut.layer[l];
         const MlpGroupTarget& to = target[l];
         const std::uint32_t count = cut.of.among(cut.points);
-        const int of_slice = MlpGroupWeightCut::tiles_of(count, layer.slices);
-        const int used = (static_cast<int>((count + 63) / 64) + of_slice - 1) / of_slice;
+        const int used = rye::min(layer.slices, static_cast<int>((count + 63) / 64));
         const Index apart = Index(layer.tiles()) * layer.numbers();
         block.each_thread([&](int t) {
             const int number = (block.index() - to.first) * threads + t;

@@ -45,9 +45,9 @@ class MlpGroups {
 
     static bool fits(const MlpShape& shape) { return Tiles::fits(shape); }
 
-    /// Takes weights and biases. `processors`: of the device.
+    /// Takes weights and biases, and frame inputs. `processors`: of the device.
     void set(const Device& device, const CudaQueue& queue, const MlpShape& s, int processors,
-             const DeviceMlpParameters& p) {
+             const DeviceMlpParameters& p, const float* frame) {
         processors_ = processors;
         const int count = s.layers(), inputs = s.point_inputs(), bytes = Tiles::operand_bytes(s);
         network_.layers = count;
@@ -70,29 +70,37 @@ class MlpGroups {
             if (takes) network_.takes_input |= 1U << static_cast<unsigned>(l);
             for (int first = 0; first < out; first += n) {
                 const float* const w = weights(l) + first;
-                if (hidden > 0) pack.add({w, out, 1, hidden, out - first, width, n, 0});
+                if (hidden > 0)
+                    pack.add(MlpGroupPackJob{w, out, 1, hidden, out - first, width, n, 0});
                 if (takes)
-                    pack.add({w + Index(hidden) * out, out, 1, inputs, out - first, Tiles::inputs,
-                              n, 0});
+                    pack.add(MlpGroupPackJob{w + Index(hidden) * out, out, 1, inputs, out - first,
+                                             Tiles::inputs, n, 0});
             }
         }
         for (int l = count - 1; l > 0; --l)
             for (int first = 0; first < width; first += 128) {
                 const int out = s.layer_out(l);
-                pack.add({weights(l) + Index(first) * out, 1, out, out, width,
-                          l + 1 < count ? width : Tiles::last, 128, 0});
+                pack.add(MlpGroupPackJob{weights(l) + Index(first) * out, 1, out, out, width,
+                                         l + 1 < count ? width : Tiles::last, 128, 0});
             }
         const auto to_input = [&](int l) {
             const int out = s.layer_out(l);
             if (s.reads_input(l))
-                pack.add({weights(l) + Index(s.hidden_in(l)) * out, 1, out, out, inputs,
-                          l + 1 < count ? width : Tiles::last, Tiles::inputs, 0});
+                pack.add(MlpGroupPackJob{weights(l) + Index(s.hidden_in(l)) * out, 1, out, out,
+                                         inputs, l + 1 < count ? width : Tiles::last, Tiles::inputs,
+                                         0});
         };
         for (int l = 0; l < count; ++l) to_input(l);
+        add_biases(pack, s, p, frame);
         device.launch(queue, pack.all(), pack);
     }
-    /// Where biases of layer l belong, with the products of the frame inputs.
-    float* bias(int l) const { return numbers_.data() + Index(l) * width; }
+    /// Other frame inputs for the weights and biases that were taken.
+    void set_frame(const Device& device, const CudaQueue& queue, const MlpShape& s,
+                   const DeviceMlpParameters& p, const float* frame) {
+        MlpGroupPackKernel pack;
+        add_biases(pack, s, p, frame);
+        device.launch(queue, pack.all(), pack);
+    }
 
     void forward_into(const Device& device, const CudaQueue& queue,
                       const DeviceColumns<const float>& points, const DevicePoints& of, Index room,
@@ -130,7 +138,7 @@ class MlpGroups {
         for (int l = 0; l < network_.layers; ++l) {
             const auto i = static_cast<std::size_t>(l);
             float* const g_weight = g.params.weight[i].data;
-            float* const sum = bias(network_.layers + l);
+            float* const sum = numbers(network_.layers + l);
             merge.set(l, {g_weight, g.params.bias[i].data, sum, s.layer_out(l), 0});
             if (s.reads_input(l) && s.frame_inputs > 0) {
                 const Index before = Index(s.hidden_in(l) + network_.inputs) * s.layer_out(l);
@@ -149,6 +157,19 @@ class MlpGroups {
     }
 
   private:
+    /// Numbers of layer l: biases with the products of the frame inputs, and from layer `layers` on
+    /// sums of cotangents.
+    float* numbers(int l) const { return numbers_.data() + Index(l) * width; }
+    void add_biases(MlpGroupPackKernel& pack, const MlpShape& s, const DeviceMlpParameters& p,
+                    const float* frame) const {
+        pack.frame = frame;
+        for (int l = 0; l < s.layers(); ++l) {
+            const auto i = static_cast<std::size_t>(l);
+            const int out = s.layer_out(l), before = s.hidden_in(l) + s.point_inputs();
+            pack.add(MlpBiasJob{p.bias[i].data, p.weight[i].data + Index(before) * out, out,
+                                s.reads_input(l) ? s.frame_inputs : 0, numbers(l), 0});
+        }
+    }
     /// Blocks of the passes through the layers.
     Index grid() const {
         const Index tiles = network_.tiles();
