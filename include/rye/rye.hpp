@@ -13,6 +13,7 @@
 #include <rye/avatar/config.hpp>
 #include <rye/avatar/drivers.hpp>
 #include <rye/avatar/eye_kappa.hpp>
+#include <rye/avatar/eye_lids.hpp>
 #include <rye/avatar/eye_lights.hpp>
 #include <rye/avatar/eye_offset.hpp>
 #include <rye/avatar/eye_parameters.hpp>
@@ -154,6 +155,7 @@
 #include <rye/rig/gaze_mechanisms.hpp>
 #include <rye/rig/idle_eyes.hpp>
 #include <rye/rig/influence.hpp>
+#include <rye/rig/lid_shadow.hpp>
 #include <rye/rig/nearest_landmark.hpp>
 #include <rye/rig/parts.hpp>
 #include <rye/rig/pupil.hpp>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernels of driven features, highlights and shading, run by a device's emulation on the host.
+// Kernels of driven features, highlights, shadows of lids and shading, run by a device's emulation on the host.
 #include "../cuda/avatar_cases.hpp"
 #include "../cuda/emulated.hpp"
 
@@ -26,6 +26,8 @@ TEST_CASE("cuda, emulated: driven features, highlights and shading are the host'
     avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
     c.avatar.eyes.optics = {};
     avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
+    c.avatar.eyes.lid_shadow = c.avatar.eyes.lid_line = {};
+    avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
     // Without parameters nothing is launched for them, but one filling of kappa's axes.
     CHECK(avatar_work<Wide>(EmulatedDevice{}, host_queue, c).launched ==
           avatar_work<Wide>(EmulatedDevice{}, host_queue, case_with_parts<AllEffects>()).launched);
@@ -35,6 +37,8 @@ TEST_CASE("cuda, emulated: another gaze alone gives the bits of other drivers, f
         work_by_drivers<Wide>(EmulatedDevice{}, host_queue, case_with_parts<LitEffects>());
     CHECK(lit.gaze.at("shading by a gaze") == 1);
     CHECK(lit.gaze.at("eyes, highlights") == 1);
+    CHECK(lit.gaze.at("lids of a frame") == 1);
+    CHECK(lit.gaze.at("eyes, shadows of lids") == 1);
     CHECK(lit.gaze.count("light of a frame") == 0);
     CHECK(lit.gaze.at("network, forward") == 6);
 }

@@ -30,6 +30,8 @@ using Look = Effects<HeadPose, LeftGaze, RightGaze, Periocular, CornealBulge>;
 using OneEye = Effects<Expression, RightGaze, Kappa, EyesBy<DrivenFeatures>>;
 
 using WithHighlights = More<PaperEffects, Glint>;
+using WithLids = More<PaperEffects, LidShadow>;
+using LidsAlone = Effects<HeadPose, Expression, EyeOffset, Pupil, LeftGaze, LidShadow>;
 
 // Refraction moves Gaussians with each view.
 static_assert(KeptFromFrameToFrame<PaperEffects> && KeptFromFrameToFrame<TrainedEffects> &&
@@ -133,7 +135,7 @@ void follow(const B& backend, Puppet<T, E> p, int steps) {
 
 TEST_CASE_TEMPLATE("drive cache: the bits of drive() over random drivers, whatever is on", E,
                    PaperEffects, WithKappa, WithDrivenEyes, WithLight, OfFeatures,
-                   WithHighlights, TrainedEffects) {
+                   WithHighlights, WithLids, LidsAlone, TrainedEffects) {
     follow(XsimdBackend<>{}, puppet<float, E>(), 40);
 }
 
@@ -165,6 +167,7 @@ TEST_CASE("drive cache: eyes whose features alone change with the expression are
 
 TEST_CASE("drive cache: of a trained avatar is done what its parts read of what changed") {
     Puppet<float, TrainedEffects> p = puppet<float, TrainedEffects>();
+    p.avatar.eyes.lid_shadow = p.avatar.eyes.lid_line = {};
     DriveCache<XsimdBackend<>, float, TrainedEffects> cache({}, p.avatar, p.config, p.roles);
     const auto update = [&] {
         cache.update(p.own());
@@ -236,12 +239,40 @@ TEST_CASE("drive cache: of a trained avatar is done what its parts read of what 
     CHECK(update().eyes == 2); // all anew after the fault
 }
 
+TEST_CASE("drive cache: a lid that moves changes the colours of its eye alone, without networks") {
+    using E = Effects<HeadPose, Expression, LeftGaze, RightGaze, LidShadow>;
+    Puppet<float, E> p = puppet<float, E>();
+    p.config.exp_far = 0.6; // expressions move both lids
+    DriveCache<XsimdBackend<>, float, E> cache({}, p.avatar, p.config, p.roles);
+    check(XsimdBackend<>{}, cache, p);
+    const Index face = p.avatar.face.position.cols(), left = p.avatar.eyes.points_of(0);
+    const auto all_of = [&](const std::vector<Index>& changed, Index eye) {
+        const Index from = face + (eye == 0 ? 0 : left);
+        Index n = 0;
+        for (const Index i : changed) n += i >= from && i < from + p.avatar.eyes.points_of(eye);
+        return n == p.avatar.eyes.points_of(eye);
+    };
+    p.drivers.expression[0] += 0.25F;
+    check(XsimdBackend<>{}, cache, p);
+    CHECK(cache.work().networks == 3);
+    CHECK(cache.work().eyes == 0);
+    CHECK(all_of(cache.changed(), 0));
+    CHECK(all_of(cache.changed(), 1));
+    p.drivers.gaze[1] = Vec3<float>(0.1F, 0.2F, 0.9F).normalized();
+    check(XsimdBackend<>{}, cache, p);
+    CHECK(cache.work().networks == 0);
+    CHECK(cache.work().eyes == 1);
+    CHECK_FALSE(all_of(cache.changed(), 0));
+    CHECK(all_of(cache.changed(), 1));
+}
+
 TEST_CASE("drive cache: what has no parameters takes no work") {
     Puppet<float, TrainedEffects> p = puppet<float, TrainedEffects>();
     p.avatar.eyes.kappa = {};
     p.avatar.shading = {};
     p.avatar.eyes.networks = {};
     p.avatar.eyes.optics = {};
+    p.avatar.eyes.lid_shadow = p.avatar.eyes.lid_line = {};
     const TwoStream<float> paper = restricted<PaperEffects>(p.avatar);
     DriveCache<XsimdBackend<>, float, TrainedEffects> cache({}, p.avatar, p.config, p.roles);
     DriveCache<XsimdBackend<>, float> papers({}, paper, p.config, p.roles);

@@ -41,7 +41,7 @@ TEST_CASE(
     for (const TinyParts& parts :
          {TinyParts{}, TinyParts{.visual = true}, TinyParts{.light = true},
           TinyParts{.driven_eyes = true}, TinyParts{.highlights = true},
-          TinyParts{true, true, true, true}}) {
+          TinyParts{.lid_shadow = true}, TinyParts{true, true, true, true}}) {
         const PlayableAvatar<float> p = tiny_playable(parts);
         const std::filesystem::path path = folder.path / "a.avatar";
         write_avatar(path, p, AvatarPrecision::full);
@@ -122,8 +122,9 @@ TEST_CASE("avatar file: other files and damaged ones are refused by what is wron
     const auto word = [&](const std::string& key, const std::string& value) {
         return edited(folder.path, p, [&](auto&, auto& metadata) { metadata[key] = value; });
     };
-    CHECK_FAULT(parse(word("version", "4")),
-                "x.avatar: metadata 'version': got '4', expected '1', '2' or '3'");
+    CHECK_FAULT(parse(word("version", "5")),
+                "x.avatar: metadata 'version': got '5', expected '1', '2', '3' or '4'");
+    CHECK_FAULT(parse(word("version", "4")), "lid_shadow");
     CHECK_FAULT(parse(word("highlights", "sun")), "got 'sun', expected 'none' or 'lights'");
     CHECK_FAULT(parse(word("highlights", "lights")),
                 "the tensor 'avatar.eyes.light_position' is missing, though 'highlights' is 'lights'");
@@ -288,6 +289,29 @@ TEST_CASE("avatar file: shapes of light, kappa and driven eyes are those that se
                                  tensors.at(name) = tensor_entry(name, many);
                              })),
                 "avatar.eyes.light_position: got shape (17, 3), expected (1 to 16, 3)");
+}
+
+TEST_CASE("avatar file: lids that cast shadows make a file of version 4, read as it was written") {
+    const TemporaryFolder folder;
+    PlayableAvatar<float> p = tiny_playable(TinyParts{.highlights = true, .lid_shadow = true});
+    write_avatar(folder.path / "a", p);
+    CHECK(read_safetensors(folder.path / "a").word("version") == "4");
+    const PlayableAvatar<float> q = read_avatar<float>(folder.path / "a");
+    CHECK(q.avatar.eyes.lid_shadow == p.avatar.eyes.lid_shadow);
+    CHECK(q.avatar.eyes.lid_line == p.avatar.eyes.lid_line);
+    const auto word = [&](const std::string& key, const std::string& value) {
+        return edited(folder.path, p, [&](auto&, auto& metadata) { metadata[key] = value; });
+    };
+    CHECK_FAULT(parse(word("lid_shadow", "sun")), "got 'sun', expected 'none' or 'lids'");
+    CHECK_FAULT(parse(word("lid_shadow", "none")),
+                "got a tensor 'avatar.eyes.lid_shadow', expected none");
+    p.avatar.eyes.lid_line(0, 1) = 60;
+    CHECK_FAULT(write_avatar(folder.path / "b", p), "number 1 of lid_line is 60");
+    p.avatar.eyes.lid_shadow.resize(2, 2);
+    CHECK_FAULT(write_avatar(folder.path / "b", p), "'eyes.lid_shadow': got shape (2, 2)");
+    p.avatar.eyes.lid_shadow = p.avatar.eyes.lid_line = {};
+    write_avatar(folder.path / "c", p);
+    CHECK(read_safetensors(folder.path / "c").word("version") == "3");
 }
 
 TEST_CASE("avatar file: a file of version 2, which knows no highlights, is read as without") {

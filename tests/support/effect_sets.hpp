@@ -57,6 +57,16 @@ void set_tiny_irises(EyeStream<T, E>& eyes) {
     }
 }
 
+/// Gives the tiny avatar upper lids of five points each, some of them before the eyes, whose shadows
+/// some of the eyes' points lie in.
+template <class T, EffectSet E>
+void set_tiny_lids(TwoStream<T, E>& avatar) {
+    avatar.eyes.lid_shadow.resize(3, 2);
+    avatar.eyes.lid_shadow << T(0.4), T(-0.3), T(-0.8), T(-0.4), T(0.1), T(-0.2);
+    avatar.eyes.lid_line.resize(1, 10);
+    avatar.eyes.lid_line << T(3), T(9), T(21), T(22), T(40), T(5), T(9), T(30), T(31), T(59);
+}
+
 /// An avatar of the gaze mechanism, the eye appearance and the shading of E, none of them neutral.
 template <EffectSet E>
 TwoStream<double, E> avatar_with_parts(std::uint64_t seed = 7) {
@@ -77,6 +87,7 @@ TwoStream<double, E> avatar_with_parts(std::uint64_t seed = 7) {
                      draw.columns(3, 2)};
     if constexpr (has_effect<E, Glint>) set_tiny_lights(a.eyes.optics);
     if constexpr (has_effect<E, Pupil>) set_tiny_irises(a.eyes);
+    if constexpr (has_effect<E, LidShadow>) set_tiny_lids(a);
     if constexpr (requires { a.eyes.turn; })
         a.eyes.turn.weight.back() = draw.columns(4, a.eyes.turn.weight.back().cols(), 0.2);
     return a;

@@ -14,6 +14,7 @@ struct TinyParts {
     bool visual = false; ///< it has a kappa
     bool light = false, driven_eyes = false, highlights = false;
     bool irises = false; ///< its eyes have those, so that pupils move
+    bool lid_shadow = false;
 };
 
 inline PlayableAvatar<float> tiny_playable(const TinyParts& parts, int doublings = 1) {
@@ -46,6 +47,7 @@ inline PlayableAvatar<float> tiny_playable(const TinyParts& parts, int doublings
     }
     if (parts.highlights) set_tiny_lights(avatar.eyes.optics);
     if (parts.irises) set_tiny_irises(avatar.eyes);
+    if (parts.lid_shadow) set_tiny_lids(avatar);
     p.avatar = lifted<float>(avatar);
     p.expression_names = {"jaw", "brow", "smile"};
     p.neutral = tiny_drivers<float>();

@@ -63,6 +63,7 @@ void walk(F& f, TrainConfig& c) {
         f("eye_appearance", c.eye_appearance);
         f("shading", c.shading);
         f("highlights", c.highlights);
+        f("lid_shadow", c.lid_shadow);
         f("networks", [&] {
             NetworkConfig& n = a.networks;
             f("geometry", n.geometry);
@@ -169,6 +170,7 @@ void walk(F& f, TrainConfig& c) {
             f("shading", g.rates.shading, rate);
             f("light_intensity", g.rates.light_intensity, rate);
             f("light_position", g.rates.light_position, rate);
+            f("lid_shadow", g.rates.lid_shadow, rate);
         });
         f("centre_corrections", g.centre_corrections);
         f("lid_steps", g.lid_steps, steps);

@@ -133,6 +133,7 @@ struct TrainConfig {
     ShadingName shading = ShadingName::none;                     ///< JSON: avatar.shading
     bool highlights = false; ///< lights found in the photographs (corrections/lights.hpp); JSON:
                              ///< avatar.highlights
+    bool lid_shadow = false; ///< shadows of the upper lids on the eyeballs; JSON: avatar.lid_shadow
     GridConfig grid;
     MeshTrainConfig mesh;
     AvatarTrainConfig gaussians;

@@ -62,6 +62,7 @@ AvatarFacts avatar_facts(const TrainState& state, const std::vector<Drivers<floa
             a.eye_offset, static_cast<double>((moves(d) - from).colwise().norm().maxCoeff()));
     a.channels = config.channels;
     a.shaded = state.avatar.shading.any();
+    a.lid_shadow = state.avatar.eyes.has_lid_shadow();
     a.driven_eyes = has_driven_eyes(state.avatar);
     const Upsampler<float>& u = state.avatar.upsampler;
     a.refines = !u.shape.skip || (u.out_weight.array() != 0).any() || (u.out_bias.array() != 0).any();

@@ -104,6 +104,7 @@ struct AvatarFacts {
     bool refines = false;        ///< true if super-resolution changes the picture
     bool corneas = false;        ///< true if irises lie behind corneas
     bool shaded = false;         ///< true if colours depend on the head's rotation
+    bool lid_shadow = false;     ///< true if its lids cast shadows on the eyes
     bool driven_eyes = false;    ///< true if networks give its eyes' features
 };
 
@@ -214,8 +215,8 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
     if (!drivers)
         for (const EffectName e :
              {expression, head_pose, pose_residual, left_gaze, right_gaze, eye_offset, kappa,
-              periocular, corneal_bulge, corneal_refraction, glint, pupil, head_shading,
-              eye_appearance})
+              periocular, corneal_bulge, corneal_refraction, glint, pupil, lid_shadow,
+              head_shading, eye_appearance})
             say(e, false, "nothing here is driven");
     else {
         if (expression_varies && avatar && a.moved_by_expression == 0)
@@ -280,6 +281,13 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
         else
             say(head_shading, false, "no light's change with the head is known");
         const double varies = std::max({turns, d.pose.width(), d.expression.width()});
+        if (!a.lid_shadow)
+            say(lid_shadow, false, "no shadow of the lids is known");
+        else if (varies > b.coefficient && !seen)
+            say(lid_shadow, false, "eyes or lids move, but no view sees an eye");
+        else
+            compare(lid_shadow, varies, b.coefficient,
+                    "gaze, head pose or expression vary" + over);
         if (!a.driven_eyes)
             say(eye_appearance, false, "the eyes' features are constants");
         else if (varies > b.coefficient && !seen)

@@ -32,7 +32,7 @@ struct TalkVariant : AvatarVariant<Less<TrainEffects, PoseResidual>> {
 /// costs nothing.
 struct GazeVariant
     : AvatarVariant<Effects<HeadPose, LeftGaze, RightGaze, Kappa, Periocular, CornealBulge, Glint,
-                            Pupil, HeadShading, EyesBy<DrivenFeatures>>> {
+                            Pupil, LidShadow, HeadShading, EyesBy<DrivenFeatures>>> {
     static constexpr std::string_view name = "gaze";
 };
 /// A camera that moves around a head that does not.

@@ -9,6 +9,7 @@
 #include <rye/train/checkpoint.hpp>
 #include <rye/train/fit_deformation.hpp>
 #include <rye/train/fit_lids.hpp>
+#include <rye/train/lid_line.hpp>
 
 #include "corrections/expression_regions.hpp"
 #include "data/panel.hpp"
@@ -120,6 +121,7 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid, const Fou
         state.avatar = {};
     } else {
         set_lights(state.avatar, lights);
+        if (config.lid_shadow) begin_lid_shadow(state.avatar, state.subject.roles);
         if (config.gaze_axis == GazeAxis::visual)
             for (std::size_t e = 0; e < 2; ++e)
                 state.avatar.eyes.kappa.col(static_cast<Index>(e)) = kappa.angles[e].cast<float>();

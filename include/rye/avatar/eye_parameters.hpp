@@ -37,6 +37,12 @@ struct EyeStream : EyeAppearanceParameters<T, E>, GazeMechanismParameters<T, E> 
     /// (pitch, yaw) [rad] an eye, 2 x 2; or empty: gazes are optical axes.
     [[no_unique_address]] detail::Slot<E, Kappa, Columns<T>> kappa;
     [[no_unique_address]] EyeOptics<T, E> optics;
+    /// Numbers of the upper lids' shadows (rig/lid_shadow.hpp), an eye a column, 3 x 2; or empty:
+    /// there are none.
+    [[no_unique_address]] detail::Slot<E, LidShadow, Columns<T>> lid_shadow;
+    /// Fixed: columns of the face's Gaussians that lie on the lids' lines, as many for each eye,
+    /// the left's first, 1 x 2K; or empty.
+    [[no_unique_address]] detail::Slot<E, LidShadow, Columns<T>, 1> lid_line;
 
     Columns<T> position;  ///< fixed: template points about their centre, 3 x P
     Columns<T> centre;    ///< fixed: neutral centres, canonical, 3 x 2
@@ -55,6 +61,8 @@ struct EyeStream : EyeAppearanceParameters<T, E>, GazeMechanismParameters<T, E> 
         if constexpr (has_effect<E, Kappa>)
             if (((p.kappa.size() > 0) || ...)) f("kappa", p.kappa...);
         EyeOptics<T, E>::fields(f, p.optics...);
+        if constexpr (has_effect<E, LidShadow>)
+            if (((p.lid_line.size() > 0) || ...)) f("lid_shadow", p.lid_shadow...);
     }
     template <class F, class... P>
     static void buffers(F&& f, P&&... p) {
@@ -62,6 +70,13 @@ struct EyeStream : EyeAppearanceParameters<T, E>, GazeMechanismParameters<T, E> 
         f("centre", p.centre...);
         f("spacing", p.spacing...);
         EyeOptics<T, E>::buffers(f, p.optics...);
+        if constexpr (has_effect<E, LidShadow>)
+            if (((p.lid_line.size() > 0) || ...)) f("lid_line", p.lid_line...);
+    }
+    /// Returns true if the upper lids cast a shadow.
+    bool has_lid_shadow() const {
+        if constexpr (has_effect<E, LidShadow>) return lid_line.size() > 0;
+        return false;
     }
     const EyeAppearanceParameters<T, E>& appearance() const { return *this; }
     EyeAppearanceParameters<T, E>& appearance() { return *this; }

@@ -8,8 +8,7 @@
 
 #include <tuple>
 
-#include <rye/avatar/eye_points.hpp>
-#include <rye/avatar/frame_cotangent.hpp>
+#include <rye/avatar/eye_lids.hpp>
 #include <rye/avatar/head_pose.hpp>
 
 namespace rye {
@@ -21,6 +20,7 @@ struct EyeTrace {
     [[no_unique_address]] detail::GazeSlot<E, Quat<T>> turn; ///< rest (+z) to gaze, no torsion
     [[no_unique_address]] detail::Slot<E, SeesCornea, detail::OpticsTrace<T, E>> optics;
     [[no_unique_address]] detail::Slot<E, Pupil, detail::FramePupils<T>> pupils;
+    [[no_unique_address]] detail::Slot<E, LidShadow, detail::FrameLids<T>> lids;
 };
 
 namespace detail {
@@ -36,7 +36,7 @@ struct EyesInCloud {
 } // namespace detail
 
 /// Writes the eyeballs, in the world. The drivers' gazes are optical axes; `head` is the
-/// HeadTransform of an avatar that has one.
+/// HeadTransform of an avatar that has one. The lids' points are in the trace (take_lid_points).
 template <class T, EffectSet E, Backend B, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
 void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
@@ -63,6 +63,8 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
         }
         const Index first = eyes.first_point(e), n = eyes.points_of(e);
         const T* points = moved + 3 * first;
+        detail::shade_eye<eye>(backend, eyes, Vec3<T>(centre.col(e)), frame.optical, moved,
+                               trace.lids, g, begin);
         if constexpr (has_effect<E, SeesCornea>)
             points = detail::look_into_eye(backend, eyes.optics,
                                            {eye, frame.optical.drivers.camera, placed, points, n},
@@ -178,7 +180,8 @@ detail::SumsOfEyes<T, E> eye_points_vjp(
 namespace detail {
 
 /// Cotangents of the eyeballs, whose means are in the head's frame, and what eye_vjp adds to.
-/// frame.gaze holds the cotangents of the gaze codes before, frame.optics what eye_optics_vjp gave.
+/// frame.gaze holds the cotangents of the gaze codes before, frame.optics and frame.lids what the
+/// vjps of highlights and of shadows gave.
 template <class T, EffectSet E>
 struct EyeGradients {
     const Gaussians<T>& gaussians;
@@ -212,6 +215,8 @@ void eye_vjp(const B& backend, const EyeStream<T, E>& eyes,
                 detail::take_turn_sums(std::get<eye>(gradients.sums).begin() + Sums::turn_at,
                                        g_turn);
             if constexpr (has_effect<E, SeesCornea>) g_turn.rotation += g_frame.optics.turn[eye];
+            if constexpr (has_effect<E, LidShadow>)
+                if (eyes.has_lid_shadow()) g_turn.rotation += g_frame.lids.turn[eye];
             Vec3<T> g_optical = g_inputs.gaze[eye];
             if constexpr (detail::own_turn<E>) {
                 g_optical += GazeMechanismOf<E>::turn_vjp(
@@ -236,6 +241,8 @@ void eye_vjp(const B& backend, const EyeStream<T, E>& eyes,
                     gradients.sums)[std::size_t(detail::EyeSums<E, int(eye)>::centre_at + k)];
         });
         if constexpr (has_effect<E, SeesCornea>) g_offset += g_frame.optics.centre;
+        if constexpr (has_effect<E, LidShadow>)
+            if (eyes.has_lid_shadow()) g_offset += g_frame.lids.centre;
         eye_offset_vjp<T>(backend, eyes.offset, {config, trace.offset}, g_offset,
                           {grad.offset, g_frame.pose});
     }

@@ -91,6 +91,19 @@ void keep_highlights(const B& backend, const EyeStream<T, E>& eyes, const Vec3<T
     }
 }
 
+/// Keeps the shadows of a frame's lids in the features of both eyes.
+template <class T, EffectSet E>
+void keep_lid_shadow(const EyeStream<T, E>& eyes, const EyeTrace<T, E>& of, Columns<T>& feature) {
+    if (!eyes.has_lid_shadow()) return;
+    const Columns<T>& position = moved_points(eyes, of.pupils);
+    for (Index i = 0; i < position.cols(); ++i) {
+        const LidOfEye<T>& lid = of.lids.eye[i < eyes.points_of(0) ? 0 : 1];
+        const T factor = LidShade<T>(lid, Vec3<T>(position.col(i))).factor;
+        feature.col(i).template head<shaded_channels>() +=
+            (factor - T(1)) * of.lids.plain.col(i);
+    }
+}
+
 /// Keeps the pupils of a frame that do not move any more in the eyes' points and sizes.
 template <EffectSet Fewer, class T, EffectSet E>
 void keep_pupils(const EyeStream<T, E>& from, const FramePupils<T>& pupils,
@@ -157,6 +170,8 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
     detail::copy_slot(eyes.optics.light_position, a.eyes.optics.light_position);
     detail::copy_slot(eyes.optics.light_intensity, a.eyes.optics.light_intensity);
     detail::copy_slot(eyes.optics.light_width, a.eyes.optics.light_width);
+    detail::copy_slot(eyes.lid_shadow, a.eyes.lid_shadow);
+    detail::copy_slot(eyes.lid_line, a.eyes.lid_line);
     a.upsampler = all.upsampler;
     detail::copy_slot(all.delta_pose, a.delta_pose);
     detail::copy_slot(all.delta_gaze, a.delta_gaze);
@@ -172,11 +187,15 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
     TwoStream<T, Fewer> a = restricted<Fewer>(all);
     TwoStreamTrace<T, E> trace;
     constexpr bool shaded = has_effect<E, HeadShading> && has_effect<Fewer, HeadShading>,
-                   lit = has_effect<E, Glint> && has_effect<Fewer, Glint>;
-    if constexpr (shaded || lit) {
-        TwoStream<T, E> plain = all; // what is kept is shaded, and has highlights, again
+                   lit = has_effect<E, Glint> && has_effect<Fewer, Glint>,
+                   lids = has_effect<E, LidShadow> && has_effect<Fewer, LidShadow>;
+    static_assert(!lids || lit || !has_effect<E, Glint>,
+                  "held: highlights are added to what the lids have darkened");
+    if constexpr (shaded || lit || lids) {
+        TwoStream<T, E> plain = all; // what is kept is shaded and lit again
         if constexpr (shaded) plain.shading = {};
         if constexpr (lit) resize_lights(plain.eyes.optics, 0);
+        if constexpr (lids) plain.eyes.lid_shadow = plain.eyes.lid_line = {};
         drive(backend, plain, {config, roles, drivers}, trace);
     } else {
         drive(backend, all, {config, roles, drivers}, trace);
@@ -214,10 +233,14 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
         detail::keep_pupils<Fewer>(all.eyes, trace.eyes.pupils, a.eyes);
     if constexpr (has_effect<E, CornealRefraction> && !has_effect<Fewer, CornealRefraction>)
         a.eyes.position << trace.eyes.optics.seen[0], trace.eyes.optics.seen[1];
-    if constexpr (EyeAppearanceOf<E>::reads_inputs && !EyeAppearanceOf<Fewer>::reads_inputs)
+    if constexpr (EyeAppearanceOf<E>::reads_inputs && !EyeAppearanceOf<Fewer>::reads_inputs) {
         a.eyes.feature = trace.gaussians.feature.rightCols(a.eyes.position.cols());
-    else if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>)
-        detail::keep_highlights(backend, all.eyes, drivers.camera, trace.eyes, a.eyes.feature);
+    } else {
+        if constexpr (has_effect<E, LidShadow> && !has_effect<Fewer, LidShadow>)
+            detail::keep_lid_shadow(all.eyes, trace.eyes, a.eyes.feature);
+        if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>)
+            detail::keep_highlights(backend, all.eyes, drivers.camera, trace.eyes, a.eyes.feature);
+    }
     if constexpr (std::same_as<EyeAppearanceOf<E>, DrivenFeatures> &&
                   std::same_as<EyeAppearanceOf<Fewer>, DrivenFeatures>) {
         static_assert(eye_turns<E, 0> == eye_turns<Fewer, 0> &&

@@ -171,6 +171,14 @@ void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
         require(o.cornea.row(3).minCoeff() > T(0) && o.light_width.minCoeff() > T(0), who,
                 "'eyes.cornea' or 'eyes.light_width': a radius or a width is not positive");
     }
+    if (e.has_lid_shadow()) {
+        shape("eyes.lid_shadow", e.lid_shadow, lid_numbers, 2);
+        try {
+            check_lids(e, n);
+        } catch (const Error& fault) {
+            throw Error(who + ": " + fault.what());
+        }
+    }
     require(e.points_of(0) >= 1 && e.points_of(1) >= 1, who, "the left eyeball has ",
             e.points_of(0), " of ", m, " points, expected at least one in each");
     const auto landmarks = [&](const char* name, const std::vector<Index>& list) {

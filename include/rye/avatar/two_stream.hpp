@@ -140,6 +140,7 @@ void drive(const B& backend, const TwoStream<T, E>& avatar,
              g.feature.leftCols(n)},
             trace.own);
     }
+    detail::take_lid_points(avatar.eyes, g.mean, n, trace.eyes.lids);
     if constexpr (has_effect<E, HeadPose>) {
         trace.head = head_transform(optical.drivers);
         if (view.column >= 0)
@@ -195,6 +196,11 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
                 {drivers.camera, detail::moved_points(avatar.eyes, trace.eyes.pupils),
                  avatar.eyes.points_of(0), trace.eyes.optics},
                 {g, n}, {grad.eyes.optics, g_frame.optics}, head...);
+        // Highlights are added to what the lids have darkened.
+        if constexpr (has_effect<E, LidShadow>)
+            detail::eye_lids_vjp(backend, avatar.eyes, trace.eyes.lids,
+                                 detail::moved_points(avatar.eyes, trace.eyes.pupils),
+                                 {g, n, grad.eyes, g_frame.lids});
     };
     const auto driven = [&]() -> detail::DrivenFace<T, E> {
         if constexpr (has_own_effects<E>)

@@ -14,11 +14,12 @@
 ///     scale               none                                all
 ///     the camera's place  none                                eyes with highlights: their colours
 ///     a pupil             none                                that eyeball
+///     a lid, by any       none                                that eyeball's colours, if shadowed
 ///
-/// Features that an avatar lacks (driven features of the eyes, light by the head's rotation,
-/// highlights, any effect that its list does not name) are not computed.
+/// Features that an avatar lacks (driven eyes, light by the head's rotation, highlights, shadows of
+/// lids, any effect that its list does not name) are not computed.
 /// Memory: the rest pose; the outputs of each network; the driven Gaussians in the head and in the
-/// world; the light's gains; the eyes' colours before their highlights.
+/// world; the light's gains; the eyes' colours before shadows and highlights.
 #pragma once
 
 #include <functional>
@@ -146,7 +147,7 @@ class DriveCache {
         });
         if constexpr (has_effect<E, HeadPose>) c.scale = !same_bits(d.scale, last_->scale);
         if constexpr (has_effect<E, Glint>)
-            c.view = Highlights::any(avatar_->eyes) && !same_bits(d.camera, last_->camera);
+            c.view = Highlights::shine(avatar_->eyes) && !same_bits(d.camera, last_->camera);
         return c;
     }
 
@@ -321,23 +322,23 @@ class DriveCache {
             ++work_.eyes;
         });
         const std::array<bool, 2> coloured = write_eye_features(c, drivers, moved);
-        for (std::size_t eye = 0; eye < 2; ++eye) {
-            const Index e = static_cast<Index>(eye), first = rest_->count + eyes.first_point(e);
-            for (Index i = 0; (moved[eye] || coloured[eye]) && i < eyes.points_of(e); ++i)
-                changed_.push_back(first + i);
-        }
+        for (Index e = 0, i = rest_->count; e < 2; ++e)
+            for (const Index end = i + eyes.points_of(e); i < end; ++i)
+                if (moved[std::size_t(e)] || coloured[std::size_t(e)]) changed_.push_back(i);
     }
 
-    /// Writes the features of eyes whose drivers, light or highlights changed; returns those eyes.
+    /// Writes the features of eyes whose drivers, light, lids or highlights changed; returns them.
     std::array<bool, 2> write_eye_features(const Changes& c, const OpticalDrivers<T, E>& drivers,
                                            const std::array<bool, 2>& moved) {
         const EyeStream<T, E>& eyes = avatar_->eyes;
-        const bool shines = Highlights::any(eyes);
+        const bool kept = Highlights::any(eyes);
+        const std::array<bool, 2> lid = highlights_.follow(eyes, face_.mean, centre_, drivers);
         std::array<bool, 2> which{}, written{}, driven{};
         for (std::size_t eye = 0; eye < 2; ++eye) {
-            const bool gaze = c.driver[2 + eye], relit = shines && (c.view || moved[eye]);
+            const bool gaze = c.driver[2 + eye],
+                       relit = kept && (c.view || moved[eye] || lid[eye]);
             driven[eye] = detail::drives_features<EyeAppearanceOf<E>>(eyes.appearance(), eye);
-            written[eye] = c.first || (c.light && !shines) ||
+            written[eye] = c.first || (c.light && !kept) ||
                            (driven[eye] && (c.attributes() || gaze)) ||
                            (GazeMechanismOf<E>::changes_features && gaze);
             which[eye] = written[eye] || c.light || relit;
@@ -353,11 +354,9 @@ class DriveCache {
             if (!which[e]) continue;
             const Index first = eyes.first_point(eye), begin = rest_->count + first,
                         n = eyes.points_of(eye);
-            if constexpr (has_effect<E, Glint>)
-                highlights_.add(backend_, eyes,
-                                {e, drivers.drivers.camera, placed_[e],
-                                 detail::moved_points(eyes, pupils_).data() + 3 * first, n},
-                                written[e], world_.feature, rest_->count);
+            highlights_.add(backend_, eyes, e, drivers.drivers, placed_[e],
+                            detail::moved_points(eyes, pupils_).data() + 3 * first, written[e],
+                            world_.feature, rest_->count);
             if (has_light())
                 for (Index i = begin; i < begin + n; ++i)
                     shade_point(gain_, rest_->count + eye, world_.feature, i);

@@ -1,49 +1,84 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/interactive/kept_highlights.hpp: highlights of an avatar's eyes, which change with the
-/// camera: the colours before them are kept, so that another view evaluates no network.
+/// rye/interactive/kept_highlights.hpp: the shadows of the lids and the highlights of an avatar's
+/// eyes, which change with the lids and with the camera: the colours before them are kept, so that
+/// another view evaluates no network.
 #pragma once
+
+#include <array>
 
 #include <rye/avatar/eye_stream.hpp>
 
 namespace rye::detail {
 
-/// Colours of both eyes before their highlights. Empty, and nothing is done, for an avatar without
-/// lights.
+/// Colours of both eyes before shadows and highlights. Empty, and nothing is done, for an avatar
+/// without lights and shadows of lids.
 template <class T, EffectSet E>
 class KeptHighlights {
   public:
     /// Returns true if the eyes have lights.
-    static bool any(const EyeStream<T, E>& eyes) {
+    static bool shine(const EyeStream<T, E>& eyes) {
         if constexpr (has_effect<E, Glint>) return eyes.optics.lights() > 0;
         return false;
     }
+    /// Returns true if the eyes have lights or shadows.
+    static bool any(const EyeStream<T, E>& eyes) { return shine(eyes) || eyes.has_lid_shadow(); }
 
-    /// Adds an eye's highlights to its columns of `feature`, of which `begin` is the first of both
-    /// eyes'. `fresh`: they have been written since; else they begin with what they were then.
+    /// Follows the driven face, N columns of `mean` in the head's frame, and the eyes' centres, 3 x
+    /// 2; returns the eyes whose lid differs from the last call's, by bits.
+    std::array<bool, 2> follow([[maybe_unused]] const EyeStream<T, E>& eyes,
+                               [[maybe_unused]] const Columns<T>& mean,
+                               [[maybe_unused]] const Columns<T>& centre,
+                               [[maybe_unused]] const OpticalDrivers<T, E>& optical) {
+        std::array<bool, 2> differs{};
+        if constexpr (has_effect<E, LidShadow>)
+            if (eyes.has_lid_shadow()) {
+                const std::array<LidOfEye<T>, 2> last = lids_.eye;
+                take_lid_points(eyes, mean, mean.cols(), lids_);
+                for_eyes([&]<std::size_t eye>() {
+                    place_lid<eye>(eyes, Vec3<T>(centre.col(static_cast<Index>(eye))), optical,
+                                   lids_);
+                    differs[eye] = !same_bits(last[eye], lids_.eye[eye]);
+                });
+            }
+        return differs;
+    }
+
+    /// Adds an eye's shadow and highlights to its columns of `feature`, of which `begin` is the
+    /// first of both eyes'. `points`: that eye's. `fresh`: the columns have been written since;
+    /// else they begin with what they were then.
     template <Backend B>
-    void add([[maybe_unused]] const B& backend, const EyeStream<T, E>& eyes,
-             [[maybe_unused]] const ViewedEye<T>& viewed, [[maybe_unused]] bool fresh,
-             [[maybe_unused]] Columns<T>& feature, [[maybe_unused]] Index begin) {
+    void add([[maybe_unused]] const B& backend, const EyeStream<T, E>& eyes, std::size_t eye,
+             [[maybe_unused]] const Drivers<T, E>& drivers,
+             [[maybe_unused]] const EyeTransform<T>& placed,
+             [[maybe_unused]] const T* points, bool fresh, Columns<T>& feature, Index begin) {
         if (!any(eyes)) return;
-        if constexpr (has_effect<E, Glint>) {
-            const Index first = eyes.first_point(static_cast<Index>(viewed.eye));
-            plain_.resize(feature.rows(), eyes.position.cols());
-            auto own = feature.middleCols(begin + first, viewed.count);
-            if (fresh)
-                plain_.middleCols(first, viewed.count) = own;
-            else
-                own = plain_.middleCols(first, viewed.count);
-            require_camera(viewed.camera);
-            check_optics(eyes.optics);
-            add_highlights(backend, eyes.optics, viewed, see_lights(eyes.optics, viewed),
-                           viewed.points, feature.rows(), own.data());
-        }
+        const Index e = static_cast<Index>(eye), first = eyes.first_point(e), n = eyes.points_of(e);
+        plain_.resize(feature.rows(), eyes.position.cols());
+        auto own = feature.middleCols(begin + first, n);
+        if (fresh)
+            plain_.middleCols(first, n) = own;
+        else
+            own = plain_.middleCols(first, n);
+        if constexpr (has_effect<E, LidShadow>)
+            if (eyes.has_lid_shadow())
+                for_each(backend, n,
+                         ShadeEyePoint<T>{points, &lids_.eye[eye], feature.rows(), own.data(),
+                                          nullptr});
+        if constexpr (has_effect<E, Glint>)
+            if (shine(eyes)) {
+                require_camera(drivers.camera);
+                check_optics(eyes.optics);
+                const ViewedEye<T> viewed{eye, drivers.camera, placed, points, n};
+                add_highlights(backend, eyes.optics, viewed, see_lights(eyes.optics, viewed),
+                               points, feature.rows(), own.data());
+            }
     }
     /// Returns how many numbers are kept.
     Index size() const { return plain_.size(); }
 
   private:
     Columns<T> plain_; ///< C x P
+    [[no_unique_address]] Slot<E, LidShadow, FrameLids<T>> lids_;
 };
 
 } // namespace rye::detail

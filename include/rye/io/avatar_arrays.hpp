@@ -90,7 +90,8 @@ void avatar_arrays(A& avatar, F&& f) {
             name == "eyes.spacing")
             return;
         f("avatar." + name, a,
-          name.ends_with(".xyz") || name == "eyes.kappa" || name == "eyes.light_position");
+          name.ends_with(".xyz") || name == "eyes.kappa" || name == "eyes.light_position" ||
+              name == "eyes.lid_shadow");
     };
     P::fields(visit, avatar);
     P::buffers(

@@ -31,6 +31,7 @@ enum class EffectName : std::uint8_t {
     corneal_refraction,
     glint,
     pupil,
+    lid_shadow,
     head_shading,
     eye_appearance,
     sh1,               ///< band 1 of the spherical harmonics
@@ -44,13 +45,13 @@ enum class EffectName : std::uint8_t {
 };
 
 /// Names as in the effect types and the documents, in the order of EffectName.
-inline constexpr std::array<std::string_view, 22> effect_names{
+inline constexpr std::array<std::string_view, 23> effect_names{
     "expression",         "head pose", "pose residual",    "left gaze", "right gaze",
     "eye offset",         "kappa",     "periocular",       "corneal bulge",
-    "corneal refraction", "glint",     "pupil",            "head shading",
-    "eye appearance",     "sh 1",      "sh 2",             "sh 3",
-    "feature channels",   "antialias", "lens distortion",  "super-resolution",
-    "extra outputs"};
+    "corneal refraction", "glint",     "pupil",            "lid shadow",
+    "head shading",       "eye appearance", "sh 1",        "sh 2",
+    "sh 3",               "feature channels", "antialias", "lens distortion",
+    "super-resolution",   "extra outputs"};
 /// Number of names.
 inline constexpr std::size_t effect_count = effect_names.size();
 

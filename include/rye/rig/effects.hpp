@@ -174,6 +174,16 @@ struct Pupil {
     static constexpr EffectBound droppable{least_move / 0.02, "a pupil's radius over that at rest"};
 };
 
+/// Shadow of each upper lid on its eyeball, whose colours darken near the lid's line as the driven
+/// face has it (rig/lid_shadow.hpp). Not in the paper.
+struct LidShadow {
+    static constexpr std::string_view name = "lid shadow";
+    static constexpr Reads reads = Reads::nothing;
+    static constexpr Touches touches = Touches::colour;
+    static constexpr std::string_view neutral = "strength 0";
+    static constexpr EffectBound droppable{1e-3, "the share of light that a lid takes away"};
+};
+
 /// Change of colours with the head's rotation under fixed lights (avatar/head_shading.hpp). Not in
 /// the paper.
 struct HeadShading {
@@ -187,7 +197,7 @@ struct HeadShading {
 static_assert(Effect<Expression> && Effect<HeadPose> && Effect<PoseResidual> && Effect<LeftGaze> &&
               Effect<RightGaze> && Effect<EyeOffset> && Effect<Kappa> && Effect<Periocular> &&
               Effect<CornealBulge> && Effect<CornealRefraction> && Effect<Glint> &&
-              Effect<Pupil> && Effect<HeadShading> && !Effect<EffectBound>);
+              Effect<Pupil> && Effect<LidShadow> && Effect<HeadShading> && !Effect<EffectBound>);
 
 /// Any of several effects, for members that several of them need.
 template <Effect... X>

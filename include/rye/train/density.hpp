@@ -30,6 +30,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/rig/influence.hpp>
+#include <rye/train/lid_line.hpp>
 #include <rye/train/settings.hpp>
 
 namespace rye {
@@ -238,6 +239,8 @@ DensityChange change_density(const B& backend, TwoStream<T, E>& avatar, Adam<Two
         halves.push_back(static_cast<Index>(whole.size()) - 1);
         whole.push_back(i);
     }
+    if constexpr (has_effect<E, LidShadow>)
+        detail::follow_lid_line(face.position, whole, avatar.eyes.lid_line);
     const Columns<T> square = adam.v.face.position;
     detail::for_face_columns<E>(
         [&](const char*, auto& p, auto& m, auto& v) {

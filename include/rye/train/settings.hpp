@@ -71,6 +71,7 @@ struct AvatarRates {
     double shading = 1e-3;      ///< for avatars with HeadShading: light and normals
     double light_intensity = 1e-3; ///< of highlights, for avatars with lights
     double light_position = 0;  ///< of the lights, in world units; 0 keeps them where they are
+    double lid_shadow = 3e-3;   ///< of the lids' shadows, for avatars with them
     double deform = 1e-4;       ///< displacement networks of the face
 
     /// Returns the number of the optimiser's steps in which a parameter rests at first.
@@ -90,6 +91,7 @@ struct AvatarRates {
         if (name.starts_with("shading.")) return shading;
         if (name == "eyes.light_intensity") return light_intensity;
         if (name == "eyes.light_position") return light_position;
+        if (name == "eyes.lid_shadow") return lid_shadow;
         if (name.find("_deform") != std::string::npos) return deform;
         const std::string last = name.substr(name.rfind('.') + 1);
         if (last == "xyz") return position;

@@ -55,7 +55,7 @@ inline constexpr bool all_have_kernels = false;
 template <class... X>
 inline constexpr bool all_have_kernels<Effects<X...>> =
     (is_part_or_one_of<X, Expression, HeadPose, PoseResidual, LeftGaze, RightGaze, EyeOffset, Kappa,
-                       Periocular, CornealBulge, Glint, Pupil, HeadShading> &&
+                       Periocular, CornealBulge, Glint, Pupil, LidShadow, HeadShading> &&
      ...);
 
 } // namespace detail

@@ -9,6 +9,7 @@
 
 #include <rye/avatar/cuda/driven_features.hpp>
 #include <rye/avatar/cuda/eye_highlights.hpp>
+#include <rye/avatar/cuda/eye_lids.hpp>
 #include <rye/avatar/cuda/eye_points.hpp>
 #include <rye/avatar/cuda/field.hpp>
 #include <rye/avatar/cuda/gaze_mechanisms.hpp>
@@ -49,6 +50,8 @@ class DeviceEyeStream {
         if constexpr (has_effect<E, Glint>)
             highlights_ =
                 std::make_unique<detail::DeviceHighlights<E, Device>>(device, host.optics);
+        if constexpr (has_effect<E, LidShadow>)
+            lids_ = std::make_unique<detail::DeviceLids<E, Device>>(device, host);
         if constexpr (has_effect<E, EyeOffset>)
             offset_ = std::make_unique<DeviceMlpColumn<Device, A>>(device, host.offset.mlp.shape);
     }
@@ -56,10 +59,11 @@ class DeviceEyeStream {
     Index count() const { return host_->position.cols(); }
 
     /// Takes what is not trained: the template's points and the neutral centres. Waits. `drivers`:
-    /// where each frame's will lie in device memory, at those places.
+    /// where each frame's will lie in device memory, at those places; `face`: its Gaussians.
     void set_fixed(const CudaQueue& queue, const detail::DriverPlaces<E>& at,
-                   const float* drivers) {
+                   const float* drivers, [[maybe_unused]] Index face) {
         camera_ = drivers + at.camera;
+        if constexpr (has_effect<E, LidShadow>) lids_->set_fixed(queue, face);
         if constexpr (has_effect<E, Glint>) highlights_->set_fixed(queue);
         const auto put = [&](DeviceBuffer<float>& to, const Columns<float>& a) {
             to.reserve(queue, static_cast<std::size_t>(a.size()) + 1);
@@ -133,8 +137,36 @@ class DeviceEyeStream {
                         host_->points_of(0),
                         pupils_});
         appearance_.features_into(queue, of, frame_, to.feature, keep);
-        if constexpr (has_effect<E, Glint>)
-            highlights_->add_into(queue, of, camera_, frame, points(), to.feature);
+        if (!waits_for_face()) add_highlights_into(queue, of, frame, to);
+    }
+    /// Returns true if features are complete only by light_into, after the face: lids shade them.
+    bool waits_for_face() const { return host_->has_lid_shadow(); }
+    /// Adds shadows and highlights, if the eyes wait for the face, whose means `mean` are, 3 x N in
+    /// the world.
+    template <class Of>
+    void light_into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const Of& of,
+                    [[maybe_unused]] const detail::DeviceFrameState* frame,
+                    [[maybe_unused]] const float* mean,
+                    [[maybe_unused]] const DeviceGaussians<float>& to,
+                    [[maybe_unused]] bool keep) {
+        if constexpr (has_effect<E, LidShadow>) {
+            if (!waits_for_face()) return;
+            lids_->shade_into(queue, of, mean, frame, moved_points(), to.feature, keep);
+            add_highlights_into(queue, of, frame, to);
+        }
+    }
+    /// Takes the cotangent of the features, C x P, to that before the shadows, which vjp_into
+    /// reads. Returns the lids' points and their cotangents, none without shadows.
+    template <class Of, class To>
+    detail::DeviceLidPoints shadow_vjp_into([[maybe_unused]] const CudaQueue& queue,
+                                            [[maybe_unused]] const Of& of,
+                                            [[maybe_unused]] const To& to,
+                                            [[maybe_unused]] const DeviceColumns<float>& g) {
+        if constexpr (has_effect<E, LidShadow>) {
+            lids_->vjp_into(queue, of, to, moved_points(), g);
+            return lids_->points();
+        }
+        return {};
     }
 
     /// Adds the gradients of the last drive_into to arrays that `to` gives, but for what
@@ -150,12 +182,17 @@ class DeviceEyeStream {
                 parts.g_axis = g_axis_.data();
                 device_.fill(queue, g_axis_.data(), 0, g_axis_.bytes());
             }
-        appearance_.vjp_into(queue, of, to, parts, cotangent.g.feature);
+        DeviceColumns<float> g_feature = cotangent.g.feature;
+        if constexpr (has_effect<E, LidShadow>)
+            if (waits_for_face()) g_feature = lids_->g_plain();
+        appearance_.vjp_into(queue, of, to, parts, g_feature);
         points_vjp<0>(queue, {arrays_at(of), arrays_at(to)}, frame, cotangent);
         points_vjp<1>(queue, {arrays_at(of), arrays_at(to)}, frame, cotangent);
         if constexpr (has_effect<E, Glint>)
             highlights_->vjp_into(queue, of, to, camera_, frame, points(), cotangent.g.feature,
                                   const_cast<float*>(sums(0)));
+        if constexpr (has_effect<E, LidShadow>)
+            lids_->add_places_into(queue, const_cast<float*>(sums(0)));
         if constexpr (detail::own_turn<E>)
             mechanism_->vjp_into(queue, to, parts, {turn_sums<0>(), turn_sums<1>()});
         if constexpr (has_effect<E, EyeOffset>) {
@@ -200,6 +237,7 @@ class DeviceEyeStream {
                           appearance_.bytes();
         if constexpr (detail::own_turn<E>) sum += mechanism_->bytes();
         if constexpr (has_effect<E, Glint>) sum += highlights_->bytes();
+        if constexpr (has_effect<E, LidShadow>) sum += lids_->bytes();
         if constexpr (detail::axes_are_trained<E>) sum += g_axis_.bytes();
         if constexpr (has_effect<E, EyeOffset>) sum += offset_->bytes();
         if constexpr (has_effect<E, Pupil>) sum += moved_.bytes();
@@ -232,6 +270,13 @@ class DeviceEyeStream {
     detail::DeviceEyePoints points() const {
         return {moved_points(), count(), host_->points_of(0)};
     }
+    template <class Of>
+    void add_highlights_into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const Of& of,
+                             [[maybe_unused]] const detail::DeviceFrameState* frame,
+                             [[maybe_unused]] const DeviceGaussians<float>& to) {
+        if constexpr (has_effect<E, Glint>)
+            highlights_->add_into(queue, of, camera_, frame, points(), to.feature);
+    }
     float* g_offset() const { return numbers_.data() + 6; }
     float* g_input() const { return numbers_.data() + 12 + 2 * detail::EyeSums<E, 0>::room; }
 
@@ -260,6 +305,9 @@ class DeviceEyeStream {
     [[no_unique_address]] detail::Slot<E, Glint,
                                        std::unique_ptr<detail::DeviceHighlights<E, Device>>, 1>
         highlights_;
+    [[no_unique_address]] detail::Slot<E, LidShadow,
+                                       std::unique_ptr<detail::DeviceLids<E, Device>>, 1>
+        lids_;
     [[no_unique_address]] detail::PresentIf<
         detail::own_turn<E>, detail::NoOwnTurn,
         std::unique_ptr<DeviceGazeMechanism<GazeMechanismOf<E>, Device>>>

@@ -6,6 +6,7 @@
 
 #include <memory>
 
+#include <rye/avatar/cuda/eye_lids.hpp>
 #include <rye/avatar/cuda/face_rest.hpp>
 #include <rye/avatar/two_stream.hpp>
 #include <rye/backend/cuda/branches.hpp>
@@ -25,6 +26,7 @@ struct DeviceFaceFrame {
 struct DeviceFaceCotangent {
     DeviceGaussians<float> world, g;
     float* head; ///< head_sums numbers, overwritten
+    DeviceLidPoints lids = {}; ///< of the eyes' lids, with their cotangents
 };
 
 } // namespace detail
@@ -165,6 +167,10 @@ class DeviceFaceStream {
             detail::FacePointVjp<E>{arrays_at(of), arrays_at(to), steps_.data(), g_steps_.data(),
                                     cotangent.world, g, frame.state, rest_.rooms()},
             {cotangent.head});
+        if (cotangent.lids.count > 0)
+            launch_each(
+                device_, queue, 2,
+                detail::AddLidPoints{cotangent.lids, g.mean.data, to(host_->position).data});
         if constexpr (face_rests<E>)
             launch_each(device_, queue, g.feature.size(),
                         detail::AddNumbers{g.feature.data, to(host_->rest_color).data});

@@ -88,7 +88,7 @@ class DeviceTwoStream {
         const Index n = face_.count() + eyes_.count();
         cloud_.reserve(queue, n, config_.channels);
         driver_numbers_.reserve(queue, static_cast<std::size_t>(drivers_.size) + 1);
-        eyes_.set_fixed(queue, drivers_, driver_numbers_.data());
+        eyes_.set_fixed(queue, drivers_, driver_numbers_.data(), face_.count());
         codes_numbers_.reserve(queue, 2 * static_cast<std::size_t>(codes_.size) + 2);
         state_.reserve(queue, 1);
         sums_.reserve(queue, std::size_t(detail::head_sums) + 6 + (parts_train_pose ? 6 : 0));
@@ -198,6 +198,7 @@ class DeviceTwoStream {
                 eyes_.set_frame(q, of);
                 eyes_.regaze_into(q, of, state_.data(), eye_gaussians());
             });
+            eyes_.light_into(queue, of, state_.data(), cloud().mean.data, eye_gaussians(), false);
             if constexpr (has_effect<E, HeadShading>)
                 shading_->shade_into(queue, of, cloud().feature, face_.rest().gazed());
         }
@@ -264,10 +265,13 @@ class DeviceTwoStream {
         }
         if constexpr (has_effect<E, HeadShading>)
             shading_->vjp_into(queue, of, to, {state_.data(), cloud().feature, g.feature, g_parts});
+        const detail::DeviceLidPoints lids =
+            eyes_.shadow_vjp_into(queue, of, to, detail::columns_from(g, {n, p}).feature);
         branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
             if (k == 0)
-                face_.vjp_into(q, of, to, {codes_numbers_.data(), g_codes, state_.data()},
-                               {face_gaussians(), detail::columns_from(g, {0, n}), sums_.data()});
+                face_.vjp_into(
+                    q, of, to, {codes_numbers_.data(), g_codes, state_.data()},
+                    {face_gaussians(), detail::columns_from(g, {0, n}), sums_.data(), lids});
             else
                 eyes_.vjp_into(q, of, to, state_.data(),
                                {eye_gaussians(), detail::columns_from(g, {n, p}), g_parts});
@@ -344,6 +348,7 @@ class DeviceTwoStream {
             else
                 eyes_.drive_into(q, of, state_.data(), eye_gaussians(), keep);
         });
+        eyes_.light_into(queue, of, state_.data(), cloud().mean.data, eye_gaussians(), keep);
         if constexpr (has_effect<E, HeadShading>)
             shading_->shade_into(queue, of, state_.data(), cloud().feature);
     }
