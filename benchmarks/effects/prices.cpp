@@ -23,11 +23,13 @@ using B = XsimdBackend<DefaultArch, Serial>;
 using All = More<PaperEffects, Kappa>;
 using AllOptics = More<All, CornealRefraction, Glint>;
 using AllPupils = More<All, Pupil>;
+using AllLids = More<All, LidShadow>;
 using AllShaded = More<All, HeadShading>;
 using DrivenEyes = EyesBy<DrivenFeatures>;
 /// An avatar without networks, which only rotates its eyes and head, with the cornea's optics.
 using Turning = Effects<HeadPose, LeftGaze, RightGaze, CornealRefraction, Glint>;
 using TurningPupils = Effects<HeadPose, LeftGaze, RightGaze, Pupil>;
+using TurningLids = Effects<HeadPose, LeftGaze, RightGaze, LidShadow>;
 using TurningShaded = Effects<HeadPose, LeftGaze, RightGaze, HeadShading>;
 constexpr Index face_points = 600, eye_points_each = 100;
 constexpr int rounds = 12, turns_a_round = 4;
@@ -120,6 +122,11 @@ struct Driven {
             }
             drivers.pupil = {1.3f, 0.8f};
         }
+        if constexpr (has_effect<E, LidShadow>) {
+            e.lid_shadow = noise(3, 2, 0.3, -0.5, 24);
+            e.lid_line.resize(1, 32);
+            for (Index i = 0; i < 32; ++i) e.lid_line(0, i) = float(17 * i);
+        }
         if constexpr (has_effect<E, Glint>) {
             e.optics.light_position = noise(3, 2, 2, 6, 18);
             e.optics.light_intensity = noise(3, 2, 0.2, 0.5, 19);
@@ -147,7 +154,8 @@ struct Driven {
         Index n = 0;
         TwoStream<float, E>::fields([&](const std::string& name, const auto& a) {
             if (name.find("_mlp") != std::string::npos || name == "eyes.kappa" ||
-                name == "shading.light" || name.starts_with("eyes.light_"))
+                name == "shading.light" || name.starts_with("eyes.light_") ||
+                name == "eyes.lid_shadow")
                 n += a.size();
         }, avatar);
         return n;
@@ -198,6 +206,7 @@ BENCHMARK(price<All, CornealBulge>)->Name("price/corneal_bulge")->Iterations(1);
 BENCHMARK(price<AllOptics, CornealRefraction>)->Name("price/corneal_refraction")->Iterations(1);
 BENCHMARK(price<AllOptics, Glint>)->Name("price/glint")->Iterations(1);
 BENCHMARK(price<AllPupils, Pupil>)->Name("price/pupil")->Iterations(1);
+BENCHMARK(price<AllLids, LidShadow>)->Name("price/lid_shadow")->Iterations(1);
 BENCHMARK(price<AllShaded, HeadShading>)->Name("price/head_shading")->Iterations(1);
 BENCHMARK(price<More<All, DrivenEyes>, DrivenEyes>)->Name("price/driven_eyes")->Iterations(1);
 BENCHMARK(price<TurningShaded, HeadShading>)
@@ -209,6 +218,7 @@ BENCHMARK(price<Turning, CornealRefraction>)
     ->Iterations(1);
 BENCHMARK(price<Turning, Glint>)->Name("price/glint_of_no_networks")->Iterations(1);
 BENCHMARK(price<TurningPupils, Pupil>)->Name("price/pupil_of_no_networks")->Iterations(1);
+BENCHMARK(price<TurningLids, LidShadow>)->Name("price/lid_shadow_of_no_networks")->Iterations(1);
 BENCHMARK(price<All, Expression, PoseResidual, EyeOffset, Periocular>)
     ->Name("price/all_networks")
     ->Iterations(1);

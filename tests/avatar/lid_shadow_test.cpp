@@ -69,7 +69,7 @@ TEST_CASE("lid shadow: colours of the eyes alone darken, by the line that the dr
         }
         LidOfEye<double> lid;
         for (int node = 0; node < lid_nodes; ++node)
-            lid.height[std::size_t(node)] = detail::LidPoints<double>{at.data(), 5}.mean(node).height;
+            lid.height[std::size_t(node)] = detail::LidArc<double>{at.data(), 5}.mean(node).height;
         set_lid_turn(Mat3<double>(Mat3<double>::Identity()), radius, lid);
         set_lid_numbers(avatar.eyes.lid_shadow.col(Index(eye)).data(), lid);
         const Vec3<double> point = into_head(a.mean.col(n + i)) - centre;

@@ -45,6 +45,9 @@
 #ifndef WITHOUT_PUPIL
 #define WITHOUT_PUPIL 0
 #endif
+#ifndef WITHOUT_LID_SHADOW
+#define WITHOUT_LID_SHADOW 0
+#endif
 #ifndef WITHOUT_HEAD_SHADING
 #define WITHOUT_HEAD_SHADING 0
 #endif
@@ -107,6 +110,9 @@ using E = Joined<detail::List<>
 #if !WITHOUT_PUPIL // by hand there is none: pupils are at rest
     , detail::List<Pupil>
 #endif
+#if !WITHOUT_LID_SHADOW // by hand there is none: lids cast no shadow
+    , detail::List<LidShadow>
+#endif
 #if !WITHOUT_HEAD_SHADING
     , detail::List<HeadShading>
 #endif
@@ -148,6 +154,9 @@ struct HandEyes {
 #endif
 #if !WITHOUT_GLINT
     Columns<T> light_position, light_intensity, light_width;
+#endif
+#if !WITHOUT_LID_SHADOW
+    Columns<T> lid_shadow, lid_line;
 #endif
     Index left_points = -1;
 };

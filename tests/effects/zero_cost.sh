@@ -3,7 +3,8 @@
 # zero_cost.sh COMPILER FLAGS_FILE SOURCE [EFFECT...]: for each effect, or these, an avatar without
 # it takes as many instructions as a kernel written without it, 1.000 +- 0.001 (callgrind), gives the
 # same bits, has parameters of the same size (static_assert), and its program has no symbol of the
-# effect. Pupils are at rest, and cost nothing there either.
+# effect. Pupils are at rest, lids cast no shadow, and cost nothing then
+# either.
 # Skipped without valgrind.
 set -eu
 cxx=$1
@@ -64,5 +65,6 @@ check CORNEAL_BULGE 'CornealBulge|cornea_offset'
 check CORNEAL_REFRACTION 'CornealRefraction|seen_through'
 check GLINT 'Glint|glint_at|mirror_image'
 check PUPIL 'Pupil|StretchEyePoint|iris_of'
+check LID_SHADOW 'LidShadow|LidOfEye|ShadeEyePoint|place_lid'
 check HEAD_SHADING 'Shading|ShadedFrame|LogLight'
 exit $bad

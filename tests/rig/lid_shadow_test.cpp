@@ -33,7 +33,7 @@ template <class T>
 LidOfEye<T> lid_of(const std::vector<T>& at, const T* numbers, const Mat3<T>& turn,
                    const T& radius) {
     LidOfEye<T> lid;
-    const detail::LidPoints<T> points{at.data(), static_cast<Index>(at.size() / 2)};
+    const detail::LidArc<T> points{at.data(), static_cast<Index>(at.size() / 2)};
     for (int node = 0; node < lid_nodes; ++node)
         lid.height[std::size_t(node)] = points.mean(node).height;
     set_lid_turn(turn, radius, lid);
@@ -126,7 +126,7 @@ TEST_CASE("lid shadow: the cotangents are the transpose of the duals") {
         lid_shade_vjp(lid, point, LidShade<double>(lid, point), 1.0, sums);
         Points g_at(at.size(), 0);
         std::array<double, 3> g_numbers{};
-        const detail::LidPoints<double> points{at.data(), static_cast<Index>(at.size() / 2)};
+        const detail::LidArc<double> points{at.data(), static_cast<Index>(at.size() / 2)};
         for (Index k = 0; k < points.count; ++k)
             points.vjp(k, sums.begin() + LidSums::height_at, &g_at[std::size_t(2 * k)]);
         lid_numbers_vjp(numbers.data(), sums, g_numbers.data());
@@ -154,7 +154,7 @@ TEST_CASE("lid shadow: hard cases stay finite, and take no more than the share a
                     Array<T, std::size_t(LidSums::count)> sums{};
                     lid_shade_vjp(lid, p, at_p, T(1), sums);
                     std::vector<T> g(from.size(), T(0));
-                    const detail::LidPoints<T> points{from.data(),
+                    const detail::LidArc<T> points{from.data(),
                                                       static_cast<Index>(from.size() / 2)};
                     for (Index k = 0; k < points.count; ++k)
                         points.vjp(k, sums.begin() + LidSums::height_at, &g[std::size_t(2 * k)]);

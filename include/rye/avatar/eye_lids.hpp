@@ -159,7 +159,7 @@ void place_lid(const EyeStream<T, E>& eyes, const Vec3<T>& centre,
     const Columns<T> at = lids.around(eye, radius);
     LidOfEye<T>& lid = lids.eye[eye];
     for (int node = 0; node < lid_nodes; ++node)
-        lid.height[std::size_t(node)] = LidPoints<T>{at.data(), at.cols()}.mean(node).height;
+        lid.height[std::size_t(node)] = LidArc<T>{at.data(), at.cols()}.mean(node).height;
     set_lid_turn(placed_eye<eye>(eyes, centre, optical).rotation, radius, lid);
     set_lid_numbers(eyes.lid_shadow.data() + lid_numbers * e, lid);
 }
@@ -220,7 +220,7 @@ void eye_lids_vjp(const B& backend, const EyeStream<T, E>& eyes, const FrameLids
         const Columns<T> at = lids.around(eye, radius);
         for (Index k = 0; k < at.cols(); ++k) {
             Vec2<T> own(T(0), T(0));
-            LidPoints<T>{at.data(), at.cols()}.vjp(k, sums.begin() + LidSums::height_at,
+            LidArc<T>{at.data(), at.cols()}.vjp(k, sums.begin() + LidSums::height_at,
                                                    own.data());
             own /= radius;
             g.mean.col(lid_column(eyes.lid_line, e * at.cols() + k)).template head<2>() += own;

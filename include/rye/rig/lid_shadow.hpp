@@ -29,7 +29,7 @@ inline constexpr int lid_numbers = 3;
 namespace detail {
 
 /// Standard deviation in x by which points count for a node [radii].
-inline constexpr double lid_reach = 0.15;
+inline constexpr double lid_node_width = 0.15;
 /// Bound on the logarithm of s, beyond which it has no effect, and on t.
 inline constexpr double most_log_width = 7, most_lid_depth = 64;
 /// Bound on a point's distance from a node, in standard deviations.
@@ -43,13 +43,13 @@ RYE_HD T lid_node(int node) {
 
 /// Points of a lid, 2 x count, and how they count for a node.
 template <class T>
-struct LidPoints {
+struct LidArc {
     const T* at; ///< x and y
     Index count; ///< above 0
 
     /// Returns the distance of point k from a node in standard deviations, bounded.
     RYE_HD T distance(int node, Index k) const {
-        const T z = (lid_node<T>(node) - at[2 * k]) * constant<T>(1 / lid_reach);
+        const T z = (lid_node<T>(node) - at[2 * k]) * constant<T>(1 / lid_node_width);
         const T most = constant<T>(most_lid_distance);
         return z < most ? (z > -most ? z : T(-most)) : most;
     }
@@ -88,7 +88,7 @@ struct LidPoints {
             const Mean m = mean(node);
             const T z = distance(node, k), share = g_height[node] * weight(node, k, m.most) / m.sum;
             if (z > -most && z < most)
-                g[0] += share * (at[2 * k + 1] - m.height) * z * constant<T>(1 / lid_reach);
+                g[0] += share * (at[2 * k + 1] - m.height) * z * constant<T>(1 / lid_node_width);
             g[1] += share;
         }
     }

@@ -22,7 +22,7 @@ struct DeviceLidPoints {
     float radius[2] = {1, 1};
 
     RYE_HD Index of_eye() const { return count / 2; }
-    RYE_HD LidPoints<float> points(int eye) const { return {at + eye * count, of_eye()}; }
+    RYE_HD LidArc<float> points(int eye) const { return {at + eye * count, of_eye()}; }
     RYE_HD Index column(Index k) const { return static_cast<Index>(line[k]); }
 };
 
