@@ -231,7 +231,7 @@ void eye_lids_vjp(const B& backend, const EyeStream<T, E>& eyes, const FrameLids
 
 /// Returns true if two lids have the same bits.
 template <Real T>
-bool same_bits(const LidOfEye<T>& a, const LidOfEye<T>& b) {
+bool same_lid(const LidOfEye<T>& a, const LidOfEye<T>& b) {
     bool same = rye::same_bits(a.across, b.across) && rye::same_bits(a.up, b.up) &&
                 rye::same_bits(a.strength, b.strength) && rye::same_bits(a.width, b.width) &&
                 rye::same_bits(a.offset, b.offset);

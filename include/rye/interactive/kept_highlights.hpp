@@ -37,7 +37,7 @@ class KeptHighlights {
                 for_eyes([&]<std::size_t eye>() {
                     place_lid<eye>(eyes, Vec3<T>(centre.col(static_cast<Index>(eye))), optical,
                                    lids_);
-                    differs[eye] = !same_bits(last[eye], lids_.eye[eye]);
+                    differs[eye] = !same_lid(last[eye], lids_.eye[eye]);
                 });
             }
         return differs;
