@@ -136,6 +136,8 @@ TEST_CASE("lid shadow: an avatar that leaves it out looks as it did at the frame
     };
     CHECK(apart(Less<From, LidShadow>{}) < 1e-13);
     CHECK(apart(Less<From, LidShadow, Glint>{}) < 1e-13);
+    CHECK(apart(Less<From, Glint>{}) < 1e-13);
+    CHECK(apart(Effects<HeadPose, LidShadow>{}) < 1e-13);
     CHECK(apart(Effects<HeadPose, Glint>{}) < 1e-13);
     CHECK(apart(Less<From, Expression, EyeOffset>{}) < 1e-13);
     CHECK(apart(Effects<HeadPose, LeftGaze, RightGaze, Glint, LidShadow, Kappa>{}) < 1e-13);

@@ -189,13 +189,14 @@ TEST_CASE("tensors of a trained avatar have a checkpoint's names; what is off ha
     for (const char* name :
          {"eyes.feature", "eyes.kappa", "eyes.left_appearance_mlp.conv0.weight",
           "eyes.right_appearance_mlp.conv2.bias", "eyes.light_position", "eyes.light_intensity",
-          "shading.light", "shading.normal",
+          "eyes.lid_shadow", "shading.light", "shading.normal",
           "shading.eye_normal"})
         CHECK_MESSAGE(all.count(name) == 1, name);
     a.eyes.kappa = {};
     a.shading = {};
     a.eyes.networks = {};
     a.eyes.optics = {};
+    a.eyes.lid_shadow = a.eyes.lid_line = {};
     const auto paper = fields_of(restricted<PaperEffects>(a));
     const auto left = fields_of(a);
     CHECK(left.size() == paper.size());

@@ -91,17 +91,30 @@ void keep_highlights(const B& backend, const EyeStream<T, E>& eyes, const Vec3<T
     }
 }
 
+/// Calls f(i, factor) for each point of both eyes, with what the frame's lids leave of its colours.
+template <class T, EffectSet E, class F>
+void for_lid_factors(const EyeStream<T, E>& eyes, const EyeTrace<T, E>& of, const F& f) {
+    if (!eyes.has_lid_shadow()) return;
+    const Columns<T>& position = moved_points(eyes, of.pupils);
+    for (Index i = 0; i < position.cols(); ++i)
+        f(i, LidShade<T>(of.lids.eye[i < eyes.points_of(0) ? 0 : 1], Vec3<T>(position.col(i)))
+                 .factor);
+}
 /// Keeps the shadows of a frame's lids in the features of both eyes.
 template <class T, EffectSet E>
 void keep_lid_shadow(const EyeStream<T, E>& eyes, const EyeTrace<T, E>& of, Columns<T>& feature) {
-    if (!eyes.has_lid_shadow()) return;
-    const Columns<T>& position = moved_points(eyes, of.pupils);
-    for (Index i = 0; i < position.cols(); ++i) {
-        const LidOfEye<T>& lid = of.lids.eye[i < eyes.points_of(0) ? 0 : 1];
-        const T factor = LidShade<T>(lid, Vec3<T>(position.col(i))).factor;
+    for_lid_factors(eyes, of, [&](Index i, const T& factor) {
         feature.col(i).template head<shaded_channels>() +=
             (factor - T(1)) * of.lids.plain.col(i);
-    }
+    });
+}
+/// Makes features what the frame's lids darken to them; black where they leave nothing.
+template <class T, EffectSet E>
+void before_lid_shadow(const EyeStream<T, E>& eyes, const EyeTrace<T, E>& of,
+                       Columns<T>& feature) {
+    for_lid_factors(eyes, of, [&](Index i, const T& factor) {
+        feature.col(i).template head<shaded_channels>() *= factor > T(0) ? T(T(1) / factor) : T(0);
+    });
 }
 
 /// Keeps the pupils of a frame that do not move any more in the eyes' points and sizes.
@@ -189,13 +202,10 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
     constexpr bool shaded = has_effect<E, HeadShading> && has_effect<Fewer, HeadShading>,
                    lit = has_effect<E, Glint> && has_effect<Fewer, Glint>,
                    lids = has_effect<E, LidShadow> && has_effect<Fewer, LidShadow>;
-    static_assert(!lids || lit || !has_effect<E, Glint>,
-                  "held: highlights are added to what the lids have darkened");
-    if constexpr (shaded || lit || lids) {
-        TwoStream<T, E> plain = all; // what is kept is shaded and lit again
+    if constexpr (shaded || lit) {
+        TwoStream<T, E> plain = all; // what is kept is shaded, and has highlights, again
         if constexpr (shaded) plain.shading = {};
         if constexpr (lit) resize_lights(plain.eyes.optics, 0);
-        if constexpr (lids) plain.eyes.lid_shadow = plain.eyes.lid_line = {};
         drive(backend, plain, {config, roles, drivers}, trace);
     } else {
         drive(backend, all, {config, roles, drivers}, trace);
@@ -235,11 +245,18 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
         a.eyes.position << trace.eyes.optics.seen[0], trace.eyes.optics.seen[1];
     if constexpr (EyeAppearanceOf<E>::reads_inputs && !EyeAppearanceOf<Fewer>::reads_inputs) {
         a.eyes.feature = trace.gaussians.feature.rightCols(a.eyes.position.cols());
+        if constexpr (lids) detail::before_lid_shadow(all.eyes, trace.eyes, a.eyes.feature);
     } else {
         if constexpr (has_effect<E, LidShadow> && !has_effect<Fewer, LidShadow>)
             detail::keep_lid_shadow(all.eyes, trace.eyes, a.eyes.feature);
-        if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>)
-            detail::keep_highlights(backend, all.eyes, drivers.camera, trace.eyes, a.eyes.feature);
+        if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>) {
+            Columns<T> light = Columns<T>::Zero(a.eyes.feature.rows(), a.eyes.feature.cols());
+            const bool darkened = lids && all.eyes.has_lid_shadow();
+            detail::keep_highlights(backend, all.eyes, drivers.camera, trace.eyes,
+                                    darkened ? light : a.eyes.feature);
+            if constexpr (lids) detail::before_lid_shadow(all.eyes, trace.eyes, light);
+            if (darkened) a.eyes.feature += light;
+        }
     }
     if constexpr (std::same_as<EyeAppearanceOf<E>, DrivenFeatures> &&
                   std::same_as<EyeAppearanceOf<Fewer>, DrivenFeatures>) {
