@@ -124,7 +124,7 @@ struct Driven {
         }
         if constexpr (has_effect<E, LidShadow>) {
             e.lid_shadow = noise(3, 2, 0.3, -0.5, 24);
-            e.lid_line.resize(1, 32);
+            e.lid_line = noise(3, 32, 0.1, 0, 25);
             for (Index i = 0; i < 32; ++i) e.lid_line(0, i) = float(17 * i);
         }
         if constexpr (has_effect<E, Glint>) {

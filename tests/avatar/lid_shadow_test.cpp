@@ -53,7 +53,7 @@ TEST_CASE("lid shadow: colours of the eyes alone darken, by the line that the dr
     CHECK(a.feature.leftCols(n) == b.feature.leftCols(n));
     CHECK(a.feature.bottomRows(2) == b.feature.bottomRows(2));
     // The same by means in the world, taken to the head's frame and about each eye's centre.
-    int shaded = 0;
+    int shaded = 0, carried = 0;
     for (Index i = 0; i < avatar.eyes.position.cols(); ++i) {
         const std::size_t eye = i < left ? 0 : 1;
         const double radius = detail::eyeball_radius(avatar.eyes, Index(eye));
@@ -64,8 +64,11 @@ TEST_CASE("lid shadow: colours of the eyes alone darken, by the line that the dr
         const Vec3<double> centre = with.eyes.lids.centre[eye];
         Columns<double> at(2, 5);
         for (Index k = 0; k < 5; ++k) {
-            const Index of = static_cast<Index>(avatar.eyes.lid_line(0, 5 * Index(eye) + k));
-            at.col(k) = (into_head(a.mean.col(of)) - centre).head<2>() / radius;
+            const Vec3<double> line = avatar.eyes.lid_line.col(5 * Index(eye) + k);
+            const Index of = static_cast<Index>(line[0]);
+            const Vec3<double> moved = into_head(a.mean.col(of)) - avatar.face.position.col(of);
+            carried += moved.norm() > 1e-3;
+            at.col(k) = (line.tail<2>() + (moved - centre).head<2>()) / radius;
         }
         LidOfEye<double> lid;
         for (int node = 0; node < lid_nodes; ++node)
@@ -79,6 +82,7 @@ TEST_CASE("lid shadow: colours of the eyes alone darken, by the line that the dr
         shaded += factor < 0.99;
     }
     CHECK(shaded > 5);
+    CHECK(carried > 60);
 }
 
 TEST_CASE("lid shadow: neutral, it changes no bit of an avatar without it") {
@@ -165,7 +169,7 @@ TEST_CASE("lid shadow: closed lids, coincident points and ends of the numbers st
     avatar.eyes.lid_line.setConstant(7);
     check();
     for (const float y : {-30.0F, 30.0F, 1e10F}) {
-        avatar.face.position(1, 7) = y;
+        avatar.eyes.lid_line.row(2).setConstant(y);
         check();
     }
     for (const float a : {-infinity, -200.0F, 200.0F, infinity})

@@ -63,8 +63,12 @@ template <class T, EffectSet E>
 void set_tiny_lids(TwoStream<T, E>& avatar) {
     avatar.eyes.lid_shadow.resize(3, 2);
     avatar.eyes.lid_shadow << T(0.4), T(-0.3), T(-0.8), T(-0.4), T(0.1), T(-0.2);
-    avatar.eyes.lid_line.resize(1, 10);
-    avatar.eyes.lid_line << T(3), T(9), T(21), T(22), T(40), T(5), T(9), T(30), T(31), T(59);
+    avatar.eyes.lid_line.resize(3, 10);
+    avatar.eyes.lid_line.row(0) << T(3), T(9), T(21), T(22), T(40), T(5), T(9), T(30), T(31), T(59);
+    for (Index k = 0; k < 10; ++k) // about the eye, higher in the middle
+        avatar.eyes.lid_line.col(k).template tail<2>() =
+            avatar.eyes.centre.col(k / 5).template head<2>() +
+            Vec2<T>(T(0.06) * T(k % 5 - 2), T(0.06) - T(0.015) * T((k % 5 - 2) * (k % 5 - 2)));
 }
 
 /// An avatar of the gaze mechanism, the eye appearance and the shading of E, none of them neutral.

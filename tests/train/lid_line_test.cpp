@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Gaussians of the lids' lines, before training and when the face gets others.
+// Places on the lids' lines, before training and when the face gets other Gaussians.
 #include <rye/train/lid_line.hpp>
 
 #include <cmath>
@@ -46,14 +46,16 @@ struct OpenEyes {
         avatar.eyes.centre << middle(0), middle(1), 0.3, 0.3, 0.8, 0.8;
     }
     static double middle(Index eye) { return eye == 0 ? 0.3 : -0.3; }
-    Vec3<double> point(Index k) const {
-        return avatar.face.position.col(detail::lid_column(avatar.eyes.lid_line, k));
+    /// Place k, and the Gaussian that carries it.
+    Vec2<double> place(Index k) const { return avatar.eyes.lid_line.col(k).tail<2>(); }
+    Vec2<double> carrier(Index k) const {
+        return avatar.face.position.col(detail::lid_column(avatar.eyes.lid_line, k)).head<2>();
     }
 };
 
 } // namespace
 
-TEST_CASE("lid line: the Gaussians nearest to places along the upper lid, each once") {
+TEST_CASE("lid line: places along the upper lid, each carried by the nearest Gaussian") {
     OpenEyes eyes;
     REQUIRE(begin_lid_shadow(eyes.avatar, eyes.roles));
     CHECK(eyes.avatar.eyes.lid_line.cols() == 2 * lid_line_points);
@@ -66,9 +68,10 @@ TEST_CASE("lid line: the Gaussians nearest to places along the upper lid, each o
         const double y = x < -0.05 ? 0.05 * (x + 0.12) / 0.07
                          : x < 0.05 ? 0.05 + 0.005 * (x + 0.05) / 0.1
                                     : 0.055 - 0.045 * (x - 0.05) / 0.07;
-        // Half a cell of the grid, and a little for places before their chord.
-        CHECK(std::abs(eyes.point(k).x() - OpenEyes::middle(eye) - x) < 0.009);
-        CHECK(std::abs(eyes.point(k).y() - 0.3 - y) < 0.012);
+        // Places are a little before their chord.
+        CHECK(std::abs(eyes.place(k).x() - OpenEyes::middle(eye) - x) < 0.005);
+        CHECK(std::abs(eyes.place(k).y() - 0.3 - y) < 0.005);
+        CHECK((eyes.carrier(k) - eyes.place(k)).norm() < 0.005); // half a cell of the grid
     }
     CHECK(chosen.size() == std::size_t(2 * lid_line_points));
 }
@@ -94,8 +97,8 @@ TEST_CASE("lid line: follows Gaussians that split, and goes to the nearest where
     Draw draw;
     TwoStream<double, E> avatar = restricted<E>(tiny_avatar(tiny_config(), draw));
     avatar.eyes.lid_shadow = Columns<double>::Zero(3, 2);
-    avatar.eyes.lid_line.resize(1, 6);
-    avatar.eyes.lid_line << 2, 3, 40, 10, 58, 59;
+    avatar.eyes.lid_line.setOnes(3, 6);
+    avatar.eyes.lid_line.row(0) << 2, 3, 40, 10, 58, 59;
     Adam<TwoStream<double, E>> adam(avatar);
     adam.v.face.position.setConstant(1);
     adam.v.face.position.col(3).setConstant(5); // splits
@@ -120,6 +123,7 @@ TEST_CASE("lid line: follows Gaussians that split, and goes to the nearest where
         CAPTURE(k);
         const Index i = detail::lid_column(avatar.eyes.lid_line, k);
         CHECK(avatar.face.feature.cols() == 58);
+        CHECK(avatar.eyes.lid_line.bottomRows(2).isOnes(0));
         if (from[k] == 3) {
             const Vec3<double> middle =
                 0.5 * (avatar.face.position.col(i) + avatar.face.position.col(i + 1));

@@ -383,11 +383,11 @@ TrainState state_of(const Safetensors& file, const std::string& who) {
             }
             if (const char* const lids = "avatar.eyes.lid_line"; file.has(lids)) {
                 const std::vector<Index>& got = file.at(lids).shape;
-                require(got.size() == 2 && got[0] > 0 && got[0] % 2 == 0 && got[1] == 1, who,
+                require(got.size() == 2 && got[0] > 0 && got[0] % 2 == 0 && got[1] == 3, who,
                         std::string("tensor '") + lids + "': got shape " + shape_text(got) +
-                            ", expected (2 K, 1)");
+                            ", expected (2 K, 3)");
                 avatar.eyes.lid_shadow = Columns<float>::Zero(lid_numbers, 2);
-                avatar.eyes.lid_line = Columns<float>::Zero(1, got[0]);
+                avatar.eyes.lid_line = Columns<float>::Zero(3, got[0]);
             }
             s.avatar = std::move(avatar);
             load_avatar(file, word, s, s.avatar, s.avatar_adam);

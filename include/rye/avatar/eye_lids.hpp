@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/avatar/eye_lids.hpp: the shadows of the upper lids on the eyeballs (rig/lid_shadow.hpp), for
-/// the effect LidShadow: the lids' points of the driven face, before the head's motion, what they
-/// take from the first channels of the eyes' features, before highlights are added, and back.
+/// the effect LidShadow: the lids' points, which Gaussians of the driven face carry along as far as
+/// they are driven from where they rest, before the head's motion; what they take from the first channels of the eyes' features, before highlights are added, and back.
 /// Functions of a point run on the host (backend/each.hpp) and on a device (backend/cuda/each.hpp).
 /// Frames: the lids' points and the eyes' turns and centres in the head's, canonical units; points
 /// of an eye in the eyeball's.
@@ -99,8 +99,8 @@ void check_lids(const EyeStream<T, E>& eyes, Index face) {
     require(eyes.lid_shadow.rows() == lid_numbers && eyes.lid_shadow.cols() == 2, "eye_lids",
             "got lid_shadow of ", eyes.lid_shadow.rows(), " x ", eyes.lid_shadow.cols(),
             ", expected ", lid_numbers, " x 2");
-    require(line.rows() == 1 && line.cols() >= 2 && line.cols() % 2 == 0, "eye_lids",
-            "got lid_line of ", line.rows(), " x ", line.cols(), ", expected 1 x 2 K");
+    require(line.rows() == 3 && line.cols() >= 2 && line.cols() % 2 == 0, "eye_lids",
+            "got lid_line of ", line.rows(), " x ", line.cols(), ", expected 3 x 2 K");
     for (Index k = 0; k < line.cols(); ++k) {
         const double i = static_cast<double>(value_of(line(0, k)));
         require(i >= 0 && i < static_cast<double>(face) && i == std::floor(i), "eye_lids",
@@ -108,7 +108,7 @@ void check_lids(const EyeStream<T, E>& eyes, Index face) {
                 face - 1);
     }
 }
-/// Returns the column of the face's Gaussians that is point k of the lids.
+/// Returns the column of the face's Gaussian that carries point k of the lids.
 template <class T>
 Index lid_column(const Columns<T>& line, Index k) {
     return static_cast<Index>(value_of(line(0, k)));
@@ -117,7 +117,7 @@ Index lid_column(const Columns<T>& line, Index k) {
 /// The lids of both eyes in a frame.
 template <class T>
 struct FrameLids {
-    Columns<T> points;              ///< of the face, 3 x 2K; empty without shadows
+    Columns<T> points;              ///< x and y, 2 x 2K; empty without shadows
     std::array<Vec3<T>, 2> centre;  ///< of the eyes
     std::array<LidOfEye<T>, 2> eye;
     Columns<T> plain;               ///< the eyes' colours before, shaded_channels x P
@@ -134,17 +134,21 @@ struct FrameLids {
     }
 };
 
-/// Takes the lids' points from the driven face's means, head frame, 3 x N or more.
+/// Sets the lids' points by the driven face's means, head frame, 3 x N or more, and its positions at
+/// rest, 3 x N.
 template <class T, EffectSet E, class Lids>
 void take_lid_points([[maybe_unused]] const EyeStream<T, E>& eyes,
-                     [[maybe_unused]] const Columns<T>& mean, [[maybe_unused]] Index face,
-                     [[maybe_unused]] Lids& lids) {
+                     [[maybe_unused]] const Columns<T>& mean,
+                     [[maybe_unused]] const Columns<T>& rest, [[maybe_unused]] Lids& lids) {
     if constexpr (has_effect<E, LidShadow>) {
-        lids.points.resize(3, eyes.lid_line.cols());
+        lids.points.resize(2, eyes.lid_line.cols());
         if (lids.points.size() == 0) return;
-        check_lids(eyes, face);
-        for (Index k = 0; k < lids.points.cols(); ++k)
-            lids.points.col(k) = mean.col(lid_column(eyes.lid_line, k));
+        check_lids(eyes, rest.cols());
+        for (Index k = 0; k < lids.points.cols(); ++k) {
+            const Index i = lid_column(eyes.lid_line, k);
+            for (Index a = 0; a < 2; ++a)
+                lids.points(a, k) = eyes.lid_line(1 + a, k) + (mean(a, i) - rest(a, i));
+        }
     }
 }
 
@@ -192,6 +196,7 @@ struct LidGradients {
     Gaussians<T>& gaussians;
     Index begin;
     EyeStream<T, E>& eyes;
+    Columns<T>& rest; ///< the face's positions at rest
     LidsCotangent<T>& places;
 };
 
@@ -223,7 +228,9 @@ void eye_lids_vjp(const B& backend, const EyeStream<T, E>& eyes, const FrameLids
             LidArc<T>{at.data(), at.cols()}.vjp(k, sums.begin() + LidSums::height_at,
                                                    own.data());
             own /= radius;
-            g.mean.col(lid_column(eyes.lid_line, e * at.cols() + k)).template head<2>() += own;
+            const Index i = lid_column(eyes.lid_line, e * at.cols() + k);
+            g.mean.col(i).template head<2>() += own;
+            to.rest.col(i).template head<2>() -= own;
             to.places.centre.col(e).template head<2>() -= own;
         }
     }

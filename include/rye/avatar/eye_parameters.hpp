@@ -40,8 +40,8 @@ struct EyeStream : EyeAppearanceParameters<T, E>, GazeMechanismParameters<T, E> 
     /// Numbers of the upper lids' shadows (rig/lid_shadow.hpp), an eye a column, 3 x 2; or empty:
     /// there are none.
     [[no_unique_address]] detail::Slot<E, LidShadow, Columns<T>> lid_shadow;
-    /// Fixed: columns of the face's Gaussians that lie on the lids' lines, as many for each eye,
-    /// the left's first, 1 x 2K; or empty.
+    /// Fixed: places on the lids' lines at rest, as many for each eye, the left's first, 3 x 2K; or
+    /// empty: the column of the face's Gaussian that carries each, its x, its y (head frame).
     [[no_unique_address]] detail::Slot<E, LidShadow, Columns<T>, 1> lid_line;
 
     Columns<T> position;  ///< fixed: template points about their centre, 3 x P

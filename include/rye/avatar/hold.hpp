@@ -239,6 +239,12 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
                         });
             }
         });
+    if constexpr (lids && face_rests<Fewer>)
+        for (Index k = 0; k < a.eyes.lid_line.cols(); ++k) { // as far as its Gaussian is kept
+            const Index i = detail::lid_column(a.eyes.lid_line, k);
+            a.eyes.lid_line.col(k).template tail<2>() +=
+                (face.position.col(i) - all.face.position.col(i)).template head<2>();
+        }
     if constexpr (has_effect<E, Pupil>)
         detail::keep_pupils<Fewer>(all.eyes, trace.eyes.pupils, a.eyes);
     if constexpr (has_effect<E, CornealRefraction> && !has_effect<Fewer, CornealRefraction>)

@@ -140,7 +140,7 @@ void drive(const B& backend, const TwoStream<T, E>& avatar,
              g.feature.leftCols(n)},
             trace.own);
     }
-    detail::take_lid_points(avatar.eyes, g.mean, n, trace.eyes.lids);
+    detail::take_lid_points(avatar.eyes, g.mean, avatar.face.position, trace.eyes.lids);
     if constexpr (has_effect<E, HeadPose>) {
         trace.head = head_transform(optical.drivers);
         if (view.column >= 0)
@@ -200,7 +200,7 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
         if constexpr (has_effect<E, LidShadow>)
             detail::eye_lids_vjp(backend, avatar.eyes, trace.eyes.lids,
                                  detail::moved_points(avatar.eyes, trace.eyes.pupils),
-                                 {g, n, grad.eyes, g_frame.lids});
+                                 {g, n, grad.eyes, grad.face.position, g_frame.lids});
     };
     const auto driven = [&]() -> detail::DrivenFace<T, E> {
         if constexpr (has_own_effects<E>)

@@ -332,7 +332,8 @@ class DriveCache {
                                            const std::array<bool, 2>& moved) {
         const EyeStream<T, E>& eyes = avatar_->eyes;
         const bool kept = Highlights::any(eyes);
-        const std::array<bool, 2> lid = highlights_.follow(eyes, face_.mean, centre_, drivers);
+        const std::array<bool, 2> lid = highlights_.follow(
+            eyes, face_.mean, avatar_->face.position, centre_, drivers);
         std::array<bool, 2> which{}, written{}, driven{};
         for (std::size_t eye = 0; eye < 2; ++eye) {
             const bool gaze = c.driver[2 + eye],

@@ -23,17 +23,18 @@ class KeptHighlights {
     /// Returns true if the eyes have lights or shadows.
     static bool any(const EyeStream<T, E>& eyes) { return shine(eyes) || eyes.has_lid_shadow(); }
 
-    /// Follows the driven face, N columns of `mean` in the head's frame, and the eyes' centres, 3 x
-    /// 2; returns the eyes whose lid differs from the last call's, by bits.
+    /// Follows the driven face, means in the head's frame and positions at rest, and the eyes'
+    /// centres, 3 x 2; returns the eyes whose lid differs from the last call's, by bits.
     std::array<bool, 2> follow([[maybe_unused]] const EyeStream<T, E>& eyes,
                                [[maybe_unused]] const Columns<T>& mean,
+                               [[maybe_unused]] const Columns<T>& rest,
                                [[maybe_unused]] const Columns<T>& centre,
                                [[maybe_unused]] const OpticalDrivers<T, E>& optical) {
         std::array<bool, 2> differs{};
         if constexpr (has_effect<E, LidShadow>)
             if (eyes.has_lid_shadow()) {
                 const std::array<LidOfEye<T>, 2> last = lids_.eye;
-                take_lid_points(eyes, mean, mean.cols(), lids_);
+                take_lid_points(eyes, mean, rest, lids_);
                 for_eyes([&]<std::size_t eye>() {
                     place_lid<eye>(eyes, Vec3<T>(centre.col(static_cast<Index>(eye))), optical,
                                    lids_);

@@ -192,7 +192,7 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
                 ", expected (1 to ", most_lights, ", 3)");
         resize_lights(p.avatar.eyes.optics, got[0]);
     }
-    if (lids) p.avatar.eyes.lid_line.resize(1, 2);
+    if (lids) p.avatar.eyes.lid_line.resize(3, 2);
     p.avatar.upsampler.shape = settings.upsampler;
     p.avatar.upsampler.conv.resize(static_cast<std::size_t>(settings.upsampler.layers()));
     detail::avatar_arrays(p.avatar, [&](const std::string& name, Columns<T>& a, bool) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/lid_line.hpp: the Gaussians of a face that lie on the lines of the upper lids, for the
-/// effect LidShadow (rig/lid_shadow.hpp), found at rest by the landmarks around the eyes. Head
+/// rye/train/lid_line.hpp: places along the lines of the upper lids, and the Gaussians of a face that
+/// carry them, for the effect LidShadow (rig/lid_shadow.hpp), found at rest by the landmarks around the eyes. Head
 /// frame, canonical units.
 #pragma once
 
@@ -13,7 +13,7 @@
 
 namespace rye {
 
-/// Gaussians on each upper lid's line.
+/// Places along each upper lid's line.
 inline constexpr Index lid_line_points = 16;
 
 /// Numbers of a shadow before training: a tenth of the light on the line, and a width of 0.3 radii.
@@ -65,14 +65,14 @@ Columns<T> along_lid(const Columns<T>& lid, const Vec3<T>& centre, Index count) 
 
 /// Gives the avatar shadows of its upper lids, before training; returns false, and changes nothing,
 /// if an eye has no landmarks of an upper lid, or the face fewer than lid_line_points Gaussians.
-/// Each lid's points are the nearest Gaussians at rest to places along it, none of them twice.
+/// A place is carried by the Gaussian that is nearest at rest, none carries two of a lid.
 template <Real T, EffectSet E>
     requires has_effect<E, LidShadow>
 bool begin_lid_shadow(TwoStream<T, E>& avatar, const LandmarkRoles& roles) {
     const FaceStream<T, E>& face = avatar.face;
     const Index n = face.position.cols();
     if (n < lid_line_points) return false;
-    Columns<T> line(1, 2 * lid_line_points);
+    Columns<T> line(3, 2 * lid_line_points);
     for (Index eye = 0; eye < 2; ++eye) {
         const std::vector<Index>& around = roles.eye[static_cast<std::size_t>(eye)];
         if (around.empty() || face.landmarks.cols() == 0) return false;
@@ -92,7 +92,7 @@ bool begin_lid_shadow(TwoStream<T, E>& avatar, const LandmarkRoles& roles) {
                 }
             }
             taken[static_cast<std::size_t>(nearest)] = true;
-            line(0, eye * lid_line_points + k) = static_cast<T>(nearest);
+            line.col(eye * lid_line_points + k) << static_cast<T>(nearest), at(0, k), at(1, k);
         }
     }
     avatar.eyes.lid_line = line;
@@ -106,7 +106,8 @@ bool begin_lid_shadow(TwoStream<T, E>& avatar, const LandmarkRoles& roles) {
 namespace detail {
 
 /// Follows a change of the face's Gaussians: `whole` has the column before of each after it,
-/// ascending; a point that is gone becomes the nearest one that is left. position: before, 3 x N.
+/// ascending; the nearest one that is left carries on for one that is gone. position: before, 3 x
+/// N.
 template <Real T>
 void follow_lid_line(const Columns<T>& position, const std::vector<Index>& whole,
                      Columns<T>& line) {

@@ -15,7 +15,7 @@ namespace detail {
 
 /// The lids of both eyes in device memory; their points are Gaussians of the face.
 struct DeviceLidPoints {
-    const float* line = nullptr; ///< columns of the face's Gaussians, the left eye's first
+    const float* line = nullptr; ///< EyeStream::lid_line, 3 x count
     Index count = 0;             ///< of both eyes; 0: there are no shadows
     float* at = nullptr;         ///< x and y from the eye's centre, in radii, 2 x count
     float* g = nullptr;          ///< their cotangents in the head's frame, 2 x count
@@ -23,7 +23,7 @@ struct DeviceLidPoints {
 
     RYE_HD Index of_eye() const { return count / 2; }
     RYE_HD LidArc<float> points(int eye) const { return {at + eye * count, of_eye()}; }
-    RYE_HD Index column(Index k) const { return static_cast<Index>(line[k]); }
+    RYE_HD Index column(Index k) const { return static_cast<Index>(line[3 * k]); }
 };
 
 /// Sets both lids of a frame whose eyes are placed and whose face is driven.
@@ -34,6 +34,7 @@ struct PlaceLidsKernel {
     struct Shared {};
     DeviceLidPoints lids;
     const float* mean;    ///< of the face in the world, 3 x N
+    const float* rest;    ///< the face's positions at rest, 3 x N
     const float* numbers; ///< trained, lid_numbers x 2
     const DeviceFrameState* frame;
     LidOfEye<float>* to; ///< 2
@@ -47,8 +48,11 @@ struct PlaceLidsKernel {
                 const Vec3<float> from = column3(mean, lids.column(k)) - placed.translation;
                 const Vec3<float> in_head =
                     Rigid<float>{placed.head_rotation, from}.turn_back(from);
-                for (int a = 0; a < 2; ++a)
-                    lids.at[2 * k + a] = in_head[a] / (placed.scale * lids.radius[eye]);
+                for (int a = 0; a < 2; ++a) {
+                    const float driven =
+                        in_head[a] / placed.scale - rest[3 * lids.column(k) + a];
+                    lids.at[2 * k + a] = (lids.line[3 * k + 1 + a] + driven) / lids.radius[eye];
+                }
             }
         });
         block.each_thread([&](int t) {
@@ -162,18 +166,16 @@ struct AddLidPlace {
 };
 
 /// Adds coordinate i (x or y) of the cotangents of the lids' points to those of the face's means in
-/// the head's frame and to the gradient of its positions, one after the other.
+/// the head's frame, one after the other. What its positions at rest get of the means cancels what
+/// they get by themselves.
 struct AddLidPoints {
     static constexpr const char* name = "lids, points of the face";
     DeviceLidPoints lids;
-    float *g_mean, *g_position; ///< 3 x N
+    float* g_mean; ///< 3 x N
 
     RYE_DEVICE void operator()(Index i) const {
-        for (Index k = 0; k < lids.count; ++k) {
-            const Index at = 3 * lids.column(k) + i;
-            g_mean[at] += lids.g[2 * k + i];
-            g_position[at] += lids.g[2 * k + i];
-        }
+        for (Index k = 0; k < lids.count; ++k)
+            g_mean[3 * lids.column(k) + i] += lids.g[2 * k + i];
     }
 };
 
@@ -195,8 +197,8 @@ class DeviceLids {
         if (!any()) return;
         check_lids(*host_, face);
         const auto count = static_cast<std::size_t>(host_->lid_line.cols());
-        line_.reserve(queue, count);
-        device_.send(queue, line_.data(), host_->lid_line.data(), count * sizeof(float));
+        line_.reserve(queue, 3 * count);
+        device_.send(queue, line_.data(), host_->lid_line.data(), 3 * count * sizeof(float));
         points_.reserve(queue, 4 * count);
         eye_.reserve(queue, 2);
         place_.reserve(queue, 2);
@@ -208,16 +210,17 @@ class DeviceLids {
                  {eyeball_radius(*host_, 0), eyeball_radius(*host_, 1)}};
     }
 
-    /// Darkens the features, C x P, of a frame whose eyes are placed and whose face, 3 x N in the
-    /// world, is driven. position: the eyes' points, 3 x P. keep: what a vjp reads.
+    /// Darkens the features, C x P, of a frame whose eyes are placed and whose face, means in the
+    /// world and positions at rest, is driven. position: the eyes' points, 3 x P. keep: what a vjp
+    /// reads.
     template <class Of>
-    void shade_into(const CudaQueue& queue, const Of& of, const float* mean,
+    void shade_into(const CudaQueue& queue, const Of& of, const float* mean, const float* rest,
                     const DeviceFrameState* frame, const float* position,
                     const DeviceColumns<float>& feature, bool keep) {
         if (!any()) return;
         if (keep) plain_.reserve(queue, std::size_t(shaded_channels * feature.cols));
         device_.launch(queue, 1,
-                       PlaceLidsKernel<E>{lids_, mean, of(host_->lid_shadow).data, frame,
+                       PlaceLidsKernel<E>{lids_, mean, rest, of(host_->lid_shadow).data, frame,
                                           eye_.data()});
         launch_each(device_, queue, feature.cols,
                     ShadeBothEyes{{position, eye_.data(), feature.rows, feature.data,

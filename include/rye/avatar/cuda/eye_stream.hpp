@@ -141,17 +141,17 @@ class DeviceEyeStream {
     }
     /// Returns true if features are complete only by light_into, after the face: lids shade them.
     bool waits_for_face() const { return host_->has_lid_shadow(); }
-    /// Adds shadows and highlights, if the eyes wait for the face, whose means `mean` are, 3 x N in
-    /// the world.
+    /// Adds shadows and highlights, if the eyes wait for the face: means in the world, positions at
+    /// rest, 3 x N.
     template <class Of>
     void light_into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const Of& of,
                     [[maybe_unused]] const detail::DeviceFrameState* frame,
-                    [[maybe_unused]] const float* mean,
+                    [[maybe_unused]] const float* mean, [[maybe_unused]] const float* rest,
                     [[maybe_unused]] const DeviceGaussians<float>& to,
                     [[maybe_unused]] bool keep) {
         if constexpr (has_effect<E, LidShadow>) {
             if (!waits_for_face()) return;
-            lids_->shade_into(queue, of, mean, frame, moved_points(), to.feature, keep);
+            lids_->shade_into(queue, of, mean, rest, frame, moved_points(), to.feature, keep);
             add_highlights_into(queue, of, frame, to);
         }
     }

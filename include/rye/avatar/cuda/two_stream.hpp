@@ -198,7 +198,7 @@ class DeviceTwoStream {
                 eyes_.set_frame(q, of);
                 eyes_.regaze_into(q, of, state_.data(), eye_gaussians());
             });
-            eyes_.light_into(queue, of, state_.data(), cloud().mean.data, eye_gaussians(), false);
+            light_eyes(queue, of, false);
             if constexpr (has_effect<E, HeadShading>)
                 shading_->shade_into(queue, of, cloud().feature, face_.rest().gazed());
         }
@@ -340,6 +340,11 @@ class DeviceTwoStream {
                                                        config_.gaze_frequencies, numbers()});
     }
     template <class Of>
+    void light_eyes(const CudaQueue& queue, const Of& of, bool keep) {
+        eyes_.light_into(queue, of, state_.data(), cloud().mean.data, of(host_.face.position).data,
+                         eye_gaussians(), keep);
+    }
+    template <class Of>
     void drive_streams(const CudaQueue& queue, const Of& of, bool keep) {
         branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
             if (k == 0)
@@ -348,7 +353,7 @@ class DeviceTwoStream {
             else
                 eyes_.drive_into(q, of, state_.data(), eye_gaussians(), keep);
         });
-        eyes_.light_into(queue, of, state_.data(), cloud().mean.data, eye_gaussians(), keep);
+        light_eyes(queue, of, keep);
         if constexpr (has_effect<E, HeadShading>)
             shading_->shade_into(queue, of, state_.data(), cloud().feature);
     }
