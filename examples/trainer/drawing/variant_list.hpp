@@ -36,7 +36,8 @@ struct GazeVariant
     static constexpr std::string_view name = "gaze";
 };
 /// A camera that moves around a head that does not.
-struct StillVariant : AvatarVariant<Effects<HeadPose, CornealBulge, Glint, HeadShading>> {
+struct StillVariant
+    : AvatarVariant<Effects<HeadPose, CornealBulge, Glint, LidShadow, HeadShading>> {
     static constexpr std::string_view name = "still";
 };
 

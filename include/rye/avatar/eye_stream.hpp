@@ -63,13 +63,13 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
         }
         const Index first = eyes.first_point(e), n = eyes.points_of(e);
         const T* points = moved + 3 * first;
-        detail::shade_eye<eye>(backend, eyes, Vec3<T>(centre.col(e)), frame.optical, moved,
-                               trace.lids, g, begin);
         if constexpr (has_effect<E, SeesCornea>)
             points = detail::look_into_eye(backend, eyes.optics,
                                            {eye, frame.optical.drivers.camera, placed, points, n},
                                            trace.optics, g.feature.rows(),
                                            g.feature.data() + g.feature.rows() * (begin + first));
+        detail::shade_eye<eye>(backend, eyes, Vec3<T>(centre.col(e)), frame.optical, moved,
+                               trace.lids, g, begin);
         for_each(backend, n,
                  detail::DriveEyePoint<T, E>{
                      {arrays_of(eyes).from(first), points,

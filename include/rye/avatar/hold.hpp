@@ -200,8 +200,11 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
     TwoStream<T, Fewer> a = restricted<Fewer>(all);
     TwoStreamTrace<T, E> trace;
     constexpr bool shaded = has_effect<E, HeadShading> && has_effect<Fewer, HeadShading>,
-                   lit = has_effect<E, Glint> && has_effect<Fewer, Glint>,
-                   lids = has_effect<E, LidShadow> && has_effect<Fewer, LidShadow>;
+                   lids = has_effect<E, LidShadow> && has_effect<Fewer, LidShadow>,
+                   own_lights = has_effect<E, Glint> && has_effect<Fewer, Glint>,
+                   // What lids take from highlights that stay is kept, as this camera sees them.
+                   darkened = own_lights && has_effect<E, LidShadow> && !lids,
+                   lit = own_lights && !darkened;
     if constexpr (shaded || lit) {
         TwoStream<T, E> plain = all; // what is kept is shaded, and has highlights, again
         if constexpr (shaded) plain.shading = {};
@@ -252,17 +255,16 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
     if constexpr (EyeAppearanceOf<E>::reads_inputs && !EyeAppearanceOf<Fewer>::reads_inputs) {
         a.eyes.feature = trace.gaussians.feature.rightCols(a.eyes.position.cols());
         if constexpr (lids) detail::before_lid_shadow(all.eyes, trace.eyes, a.eyes.feature);
+        if constexpr (darkened) {
+            Columns<T> light = Columns<T>::Zero(a.eyes.feature.rows(), a.eyes.feature.cols());
+            detail::keep_highlights(backend, all.eyes, drivers.camera, trace.eyes, light);
+            a.eyes.feature -= light;
+        }
     } else {
+        if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>)
+            detail::keep_highlights(backend, all.eyes, drivers.camera, trace.eyes, a.eyes.feature);
         if constexpr (has_effect<E, LidShadow> && !has_effect<Fewer, LidShadow>)
             detail::keep_lid_shadow(all.eyes, trace.eyes, a.eyes.feature);
-        if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>) {
-            Columns<T> light = Columns<T>::Zero(a.eyes.feature.rows(), a.eyes.feature.cols());
-            const bool darkened = lids && all.eyes.has_lid_shadow();
-            detail::keep_highlights(backend, all.eyes, drivers.camera, trace.eyes,
-                                    darkened ? light : a.eyes.feature);
-            if constexpr (lids) detail::before_lid_shadow(all.eyes, trace.eyes, light);
-            if (darkened) a.eyes.feature += light;
-        }
     }
     if constexpr (std::same_as<EyeAppearanceOf<E>, DrivenFeatures> &&
                   std::same_as<EyeAppearanceOf<Fewer>, DrivenFeatures>) {

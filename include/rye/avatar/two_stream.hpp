@@ -190,17 +190,17 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
             {detail::shaded_frame(avatar, drivers), trace.gaussians.feature, trace.shading},
             g.feature, grad.shading);
     [[maybe_unused]] const auto optics_vjp = [&](const auto&... head) {
+        // Lids darken what has highlights.
+        if constexpr (has_effect<E, LidShadow>)
+            detail::eye_lids_vjp(backend, avatar.eyes, trace.eyes.lids,
+                                 detail::moved_points(avatar.eyes, trace.eyes.pupils),
+                                 {g, n, grad.eyes, grad.face.position, g_frame.lids});
         if constexpr (has_effect<E, SeesCornea>)
             detail::eye_optics_vjp(
                 backend, avatar.eyes.optics,
                 {drivers.camera, detail::moved_points(avatar.eyes, trace.eyes.pupils),
                  avatar.eyes.points_of(0), trace.eyes.optics},
                 {g, n}, {grad.eyes.optics, g_frame.optics}, head...);
-        // Highlights are added to what the lids have darkened.
-        if constexpr (has_effect<E, LidShadow>)
-            detail::eye_lids_vjp(backend, avatar.eyes, trace.eyes.lids,
-                                 detail::moved_points(avatar.eyes, trace.eyes.pupils),
-                                 {g, n, grad.eyes, grad.face.position, g_frame.lids});
     };
     const auto driven = [&]() -> detail::DrivenFace<T, E> {
         if constexpr (has_own_effects<E>)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/interactive/kept_highlights.hpp: the shadows of the lids and the highlights of an avatar's
-/// eyes, which change with the lids and with the camera: the colours before them are kept, so that
+/// rye/interactive/kept_highlights.hpp: the highlights of an avatar's eyes and the shadows of the
+/// lids, which change with the lids and with the camera: the colours before them are kept, so that
 /// another view evaluates no network.
 #pragma once
 
@@ -10,7 +10,7 @@
 
 namespace rye::detail {
 
-/// Colours of both eyes before shadows and highlights. Empty, and nothing is done, for an avatar
+/// Colours of both eyes before highlights and shadows. Empty, and nothing is done, for an avatar
 /// without lights and shadows of lids.
 template <class T, EffectSet E>
 class KeptHighlights {
@@ -44,7 +44,7 @@ class KeptHighlights {
         return differs;
     }
 
-    /// Adds an eye's shadow and highlights to its columns of `feature`, of which `begin` is the
+    /// Adds an eye's highlights and shadow to its columns of `feature`, of which `begin` is the
     /// first of both eyes'. `points`: that eye's. `fresh`: the columns have been written since;
     /// else they begin with what they were then.
     template <Backend B>
@@ -60,11 +60,6 @@ class KeptHighlights {
             plain_.middleCols(first, n) = own;
         else
             own = plain_.middleCols(first, n);
-        if constexpr (has_effect<E, LidShadow>)
-            if (eyes.has_lid_shadow())
-                for_each(backend, n,
-                         ShadeEyePoint<T>{points, &lids_.eye[eye], feature.rows(), own.data(),
-                                          nullptr});
         if constexpr (has_effect<E, Glint>)
             if (shine(eyes)) {
                 require_camera(drivers.camera);
@@ -73,6 +68,11 @@ class KeptHighlights {
                 add_highlights(backend, eyes.optics, viewed, see_lights(eyes.optics, viewed),
                                points, feature.rows(), own.data());
             }
+        if constexpr (has_effect<E, LidShadow>)
+            if (eyes.has_lid_shadow())
+                for_each(backend, n,
+                         ShadeEyePoint<T>{points, &lids_.eye[eye], feature.rows(), own.data(),
+                                          nullptr});
     }
     /// Returns how many numbers are kept.
     Index size() const { return plain_.size(); }

@@ -141,7 +141,7 @@ class DeviceEyeStream {
     }
     /// Returns true if features are complete only by light_into, after the face: lids shade them.
     bool waits_for_face() const { return host_->has_lid_shadow(); }
-    /// Adds shadows and highlights, if the eyes wait for the face: means in the world, positions at
+    /// Adds highlights and shadows, if the eyes wait for the face: means in the world, positions at
     /// rest, 3 x N.
     template <class Of>
     void light_into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const Of& of,
@@ -151,8 +151,8 @@ class DeviceEyeStream {
                     [[maybe_unused]] bool keep) {
         if constexpr (has_effect<E, LidShadow>) {
             if (!waits_for_face()) return;
-            lids_->shade_into(queue, of, mean, rest, frame, moved_points(), to.feature, keep);
             add_highlights_into(queue, of, frame, to);
+            lids_->shade_into(queue, of, mean, rest, frame, moved_points(), to.feature, keep);
         }
     }
     /// Takes the cotangent of the features, C x P, to that before the shadows, which vjp_into
@@ -189,7 +189,7 @@ class DeviceEyeStream {
         points_vjp<0>(queue, {arrays_at(of), arrays_at(to)}, frame, cotangent);
         points_vjp<1>(queue, {arrays_at(of), arrays_at(to)}, frame, cotangent);
         if constexpr (has_effect<E, Glint>)
-            highlights_->vjp_into(queue, of, to, camera_, frame, points(), cotangent.g.feature,
+            highlights_->vjp_into(queue, of, to, camera_, frame, points(), g_feature,
                                   const_cast<float*>(sums(0)));
         if constexpr (has_effect<E, LidShadow>)
             lids_->add_places_into(queue, const_cast<float*>(sums(0)));
