@@ -231,17 +231,6 @@ struct DeviceGroups {
         return r;
     }
 
-    /// Starts to bring p[i] and what lies around it to the device's cache, where the mask holds.
-    template <class T>
-    __device__ static void prefetch(bool m, const T* p, U i) {
-        if (m) asm volatile("prefetch.global.L2 [%0];" ::"l"(__cvta_generic_to_global(p + i)));
-    }
-    /// Waits for so many cycles.
-    __device__ static void pause(int cycles) {
-        const long long begin = clock64();
-        while (clock64() - begin < cycles) {}
-    }
-
     /// Makes a ring ready for so many warps that take from it; by one thread, before the block's
     /// next barrier.
     template <class Ring>

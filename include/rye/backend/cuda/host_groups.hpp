@@ -61,10 +61,6 @@ struct HostGroups {
         });
     }
 
-    template <class T>
-    static void prefetch(const Lanes<bool>&, const T*, const U&) {}
-    static void pause(int) {}
-
     template <class Ring>
     static void set_ring(Ring&, int) {}
     template <class Ring, class F2>

@@ -47,13 +47,9 @@ struct MlpGroupForwardKernel {
             const RingPlace<decltype(shared.operands)> all;
             if (w == 0) W::fill(shared.operands, all, piece);
             const unsigned char* const operands = W::take(shared.operands, all, piece);
-            W::pause(Tiles::pause * (w / 4));
             for (auto tile = static_cast<std::uint32_t>(block.index() * Tiles::groups + w / 4);
-                 64 * tile < count; tile += apart) {
-                if (64 * (tile + apart) < count)
-                    GroupPlace<W>::ahead(points, network.of.which, tile + apart, count, w);
+                 64 * tile < count; tile += apart)
                 run<W>(shared, operands, {tile, count, w}, w);
-            }
         });
     }
 
@@ -203,34 +199,14 @@ struct MlpGroupReverseKernel {
             const RingPlace<Shared> all;
             if (w == 0) W::fill(shared, all, piece);
             const unsigned char* const operands = W::take(shared, all, piece);
-            W::pause(Tiles::pause * (w / 4));
             // From the last points on, whose numbers the forward pass has left in the cache.
             for (auto tile = static_cast<std::uint32_t>(block.index() * Tiles::groups + w / 4);
-                 tile < tiles; tile += apart) {
-                if (tile + apart < tiles) ahead<W>(tiles - 1 - tile - apart, count, w);
-                if (add && g_points.data != nullptr)
-                    GroupPlace<W>::ahead({g_points.data, g_points.rows, g_points.cols},
-                                         network.of.which, tiles - 1 - tile, count, w);
+                 tile < tiles; tile += apart)
                 run<W>(operands, {tiles - 1 - tile, count, w}, w);
-            }
         });
     }
 
   private:
-    /// Starts to bring what a tile reads from device memory to the cache.
-    template <class W>
-    RYE_DEVICE void ahead(std::uint32_t tile, std::uint32_t count, int w) const {
-        using U = typename W::U;
-        GroupPlace<W>::ahead(g_out, nullptr, tile, count, w);
-        constexpr int lines = width / 16; // of 128 bytes, of a layer's signs
-        for (int i = 0; i < (network.layers - 1) * lines; i += 128) {
-            const U line = U(static_cast<std::uint32_t>(i + 32 * (w % 4))) + W::lane();
-            const U layer = line / U(std::uint32_t(lines));
-            W::prefetch(layer < U(static_cast<std::uint32_t>(network.layers - 1)), network.signs,
-                        (layer * U(network.tiles()) + U(tile)) * U(std::uint32_t(32 * lines)) +
-                            line % U(std::uint32_t(lines)) * U(32U));
-        }
-    }
     template <class W>
     RYE_DEVICE void run(const unsigned char* operand, const GroupPlace<W>& place, int w) const {
         GroupRows<W, last_steps> last;

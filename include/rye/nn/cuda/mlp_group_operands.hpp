@@ -25,7 +25,6 @@ struct MlpGroupTiles {
     static constexpr int points = 64;             ///< of a group
     static constexpr int pieces = width / 128;    ///< of 128 columns
     static constexpr int groups = width == 128 ? 3 : 2;
-    static constexpr int pause = 0;
     static constexpr int last = 32;               ///< outputs, at most
     static constexpr int most_layers = DeviceMlpNetwork::most_layers;
     /// Room for the operands in shared memory.
@@ -189,20 +188,6 @@ struct GroupPlace {
             point[h] = U(64 * tile) + row + U(std::uint32_t(8 * h));
             there[h] = point[h] < U(count);
         });
-    }
-    /// Starts to bring a tile's columns of floats from device memory to the cache.
-    RYE_DEVICE static void ahead(const DeviceColumns<const float>& from, const std::uint32_t* which,
-                                 std::uint32_t tile, std::uint32_t count, int w) {
-        const U t = U(static_cast<std::uint32_t>(32 * (w % 4))) + W::lane(), row = t % U(64U);
-        const U point = U(64 * tile) + row;
-        const auto there = point < U(count);
-        U column = point;
-        if (which != nullptr) column = W::read(which, select(there, point, U(0U)));
-        const auto height = static_cast<std::uint32_t>(from.rows);
-        for (std::uint32_t first = 0; first < height; first += 64) {
-            const U own = U(first) + t / U(64U) * U(32U);
-            W::prefetch(there && own < U(height), from.data, column * U(height) + own);
-        }
     }
     /// A pair of columns 8 j of row 8 h of an array whose tile has `octets` times 8 numbers.
     template <int octets>
