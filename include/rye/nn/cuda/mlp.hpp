@@ -6,7 +6,8 @@
 ///     network.forward_into(queue, points, out);
 ///     network.vjp_into(queue, g_out, {gradient, g_points, g_frame});
 /// Products take floats as N planes of bf16: relative errors about 3e-3, 1e-5 and 1e-6 for N = 1, 2
-/// and 3. Sums are floats in a fixed order: the same build gives the same bits.
+/// and 3. Sums are floats in a fixed order: the same build gives the same bits. Shapes of one plane
+/// that mlp_groups.hpp has kernels for take those where the program has code for sm_90a.
 #pragma once
 
 #include <string>
