@@ -43,7 +43,8 @@ TEST_CASE("lid shadow: colours of the eyes alone darken, by the line that the dr
     const TwoStream<double, Lids> avatar = avatar_with_parts<Lids>();
     TwoStream<double, Lids> none = avatar;
     none.eyes.lid_shadow = none.eyes.lid_line = {};
-    const auto with = driven(avatar, drivers_of<Lids>()), without = driven(none, drivers_of<Lids>());
+    const auto with = driven(avatar, drivers_of<Lids>()),
+               without = driven(none, drivers_of<Lids>());
     const Gaussians<double>&a = with.gaussians, &b = without.gaussians;
     CHECK(a.mean == b.mean);
     CHECK(a.scale == b.scale);
@@ -133,9 +134,11 @@ TEST_CASE("lid shadow: an avatar that leaves it out looks as it did at the frame
         const auto fewer = held<Fewer>(ScalarBackend<>{}, all, tiny_config(), tiny_roles(), at);
         const Gaussians<double> g = driven(fewer, restricted<Fewer>(at)).gaussians;
         double most = 0;
-        Gaussians<double>::fields([&](const std::string&, const auto& a, const auto& b) {
-            most = std::max(most, (a - b).cwiseAbs().maxCoeff());
-        }, g, seen);
+        Gaussians<double>::fields(
+            [&](const std::string&, const auto& a, const auto& b) {
+                most = std::max(most, (a - b).cwiseAbs().maxCoeff());
+            },
+            g, seen);
         return most;
     };
     CHECK(apart(Less<From, LidShadow>{}) < 1e-13);
@@ -184,8 +187,9 @@ TEST_CASE("lid shadow: lids that no face has are refused") {
     TwoStream<float, Still> avatar = lifted<float>(avatar_with_parts<Still>());
     const auto drive_it = [&] { return driven(avatar, Drivers<float, Still>{}); };
     avatar.eyes.lid_line(0, 2) = 60;
-    CHECK_FAULT(drive_it(), "eye_lids: number 2 of lid_line is 60, expected a Gaussian of the "
-                            "face, 0 to 59");
+    CHECK_FAULT(drive_it(),
+                "eye_lids: number 2 of lid_line is 60, expected a Gaussian of the "
+                "face, 0 to 59");
     avatar.eyes.lid_line(0, 2) = 1.5F;
     CHECK_FAULT(drive_it(), "eye_lids: number 2 of lid_line is 1.5, expected a Gaussian");
     set_tiny_lids(avatar);

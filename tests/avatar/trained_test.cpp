@@ -189,8 +189,7 @@ TEST_CASE("tensors of a trained avatar have a checkpoint's names; what is off ha
     for (const char* name :
          {"eyes.feature", "eyes.kappa", "eyes.left_appearance_mlp.conv0.weight",
           "eyes.right_appearance_mlp.conv2.bias", "eyes.light_position", "eyes.light_intensity",
-          "eyes.lid_shadow", "shading.light", "shading.normal",
-          "shading.eye_normal"})
+          "eyes.lid_shadow", "shading.light", "shading.normal", "shading.eye_normal"})
         CHECK_MESSAGE(all.count(name) == 1, name);
     a.eyes.kappa = {};
     a.shading = {};

@@ -134,8 +134,8 @@ void follow(const B& backend, Puppet<T, E> p, int steps) {
 } // namespace
 
 TEST_CASE_TEMPLATE("drive cache: the bits of drive() over random drivers, whatever is on", E,
-                   PaperEffects, WithKappa, WithDrivenEyes, WithLight, OfFeatures,
-                   WithHighlights, WithLids, LidsAlone, TrainedEffects) {
+                   PaperEffects, WithKappa, WithDrivenEyes, WithLight, OfFeatures, WithHighlights,
+                   WithLids, LidsAlone, TrainedEffects) {
     follow(XsimdBackend<>{}, puppet<float, E>(), 40);
 }
 

@@ -35,9 +35,9 @@ TEST_CASE("lids' shadows: a run trains them, and is read back as it was") {
     save_checkpoint(folder.path, state);
     const TrainState back = load_checkpoint(folder.path);
     CHECK(back.avatar.eyes.lid_line == line);
-    Avatar::fields([](const std::string& name, const auto& a,
-                      const auto& b) { CHECK_MESSAGE(a == b, name); },
-                   back.avatar, state.avatar);
+    Avatar::fields(
+        [](const std::string& name, const auto& a, const auto& b) { CHECK_MESSAGE(a == b, name); },
+        back.avatar, state.avatar);
     CHECK(back.avatar_adam.v.eyes.lid_shadow == state.avatar_adam.v.eyes.lid_shadow);
     save_checkpoint(folder.path, tiny_state());
     CHECK_FALSE(load_checkpoint(folder.path).avatar.eyes.has_lid_shadow());
@@ -57,9 +57,7 @@ TEST_CASE("lids' shadows: variants draw them, or hold those of the first picture
     DrawnFrame looks = frame;
     looks.drivers.gaze[0] = gaze_vector(0.1f, 0.3f);
     const auto apart = [](const FrameDrawer& drawer, const DrawnFrame& f) {
-        return (drawer.picture(f).pixels - drawer.picture_by_all(f).pixels)
-            .cwiseAbs()
-            .maxCoeff();
+        return (drawer.picture(f).pixels - drawer.picture_by_all(f).pixels).cwiseAbs().maxCoeff();
     };
     const FrameDrawer gaze(state, {frame, looks}, "auto", "--effects", 0.01);
     CHECK(gaze.variant() == "gaze");

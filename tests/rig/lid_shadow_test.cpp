@@ -49,7 +49,8 @@ double factor(const LidOfEye<double>& lid, double x, double y) {
 
 } // namespace
 
-TEST_CASE("lid shadow: dark above the line, by 1 - a exp(-t^2 / (1 + t)) below, with a steady slope") {
+TEST_CASE(
+    "lid shadow: dark above the line, by 1 - a exp(-t^2 / (1 + t)) below, with a steady slope") {
     const LidOfEye<double> lid = lid_of({-1, 0.3, 0, 0.3, 1, 0.3}, {0.5, std::log(0.2), 0.05});
     const double a = 1 / (1 + std::exp(-0.5));
     for (const double x : {-0.8, -0.1, 0.0, 0.77}) {
@@ -155,7 +156,7 @@ TEST_CASE("lid shadow: hard cases stay finite, and take no more than the share a
                     lid_shade_vjp(lid, p, at_p, T(1), sums);
                     std::vector<T> g(from.size(), T(0));
                     const detail::LidArc<T> points{from.data(),
-                                                      static_cast<Index>(from.size() / 2)};
+                                                   static_cast<Index>(from.size() / 2)};
                     for (Index k = 0; k < points.count; ++k)
                         points.vjp(k, sums.begin() + LidSums::height_at, &g[std::size_t(2 * k)]);
                     for (const T v : g) CHECK(std::isfinite(v));

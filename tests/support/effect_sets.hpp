@@ -57,8 +57,8 @@ void set_tiny_irises(EyeStream<T, E>& eyes) {
     }
 }
 
-/// Gives the tiny avatar upper lids of five points each, some of them before the eyes, whose shadows
-/// some of the eyes' points lie in.
+/// Gives the tiny avatar upper lids of five points each, some of them before the eyes, whose
+/// shadows some of the eyes' points lie in.
 template <class T, EffectSet E>
 void set_tiny_lids(TwoStream<T, E>& avatar) {
     avatar.eyes.lid_shadow.resize(3, 2);

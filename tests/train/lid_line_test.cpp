@@ -32,8 +32,8 @@ struct OpenEyes {
             for (Index k = 0; k < 6; ++k) {
                 const double x[] = {-0.12, -0.05, 0.05, 0.12, 0.05, -0.05},
                              y[] = {0, 0.05, 0.055, 0.01, -0.04, -0.04};
-                avatar.face.landmarks.col((eye == 0 ? 42 : 36) + k)
-                    << middle(eye) + x[k], 0.3 + y[k], 0.9;
+                avatar.face.landmarks.col((eye == 0 ? 42 : 36) + k) << middle(eye) + x[k],
+                    0.3 + y[k], 0.9;
             }
         const Index side = 40;
         Columns<double>& p = avatar.face.position;
@@ -65,7 +65,7 @@ TEST_CASE("lid line: places along the upper lid, each carried by the nearest Gau
         const Index eye = k / lid_line_points, i = k % lid_line_points;
         chosen.insert(detail::lid_column(eyes.avatar.eyes.lid_line, k));
         const double x = -0.12 + 0.24 * double(i) / double(lid_line_points - 1);
-        const double y = x < -0.05 ? 0.05 * (x + 0.12) / 0.07
+        const double y = x < -0.05  ? 0.05 * (x + 0.12) / 0.07
                          : x < 0.05 ? 0.05 + 0.005 * (x + 0.05) / 0.1
                                     : 0.055 - 0.045 * (x - 0.05) / 0.07;
         // Places are a little before their chord.
@@ -109,8 +109,7 @@ TEST_CASE("lid line: follows Gaussians that split, and goes to the nearest where
     config.every = 1;
     config.grow = 1.5 / 60;
     config.prefer = 1;
-    const DensityChange change =
-        change_density(ScalarBackend<Serial>{}, avatar, adam, config);
+    const DensityChange change = change_density(ScalarBackend<Serial>{}, avatar, adam, config);
     REQUIRE((change.grown == 1 && change.pruned == 3));
     Index nearest = -1;
     for (Index i = 0; i < 60; ++i)

@@ -24,9 +24,8 @@ Json stage_one_fields(const TrainConfig& config) {
     Json fields = to_json(config);
     fields.erase("preset"); // a name
     Json& avatar = fields["avatar"];
-    for (const char* name :
-         {"attribute_scale", "gaze_mechanism", "eye_appearance", "shading", "highlights",
-          "lid_shadow"})
+    for (const char* name : {"attribute_scale", "gaze_mechanism", "eye_appearance", "shading",
+                             "highlights", "lid_shadow"})
         avatar.erase(name);
     for (const char* name : {"exp_attributes", "pose_attributes"}) avatar["networks"].erase(name);
     fields["grid"].erase("subdivide");

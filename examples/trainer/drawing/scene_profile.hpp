@@ -213,10 +213,9 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
     const bool expression_varies = d.expression.width() > b.coefficient;
     const bool pose_varies = d.pose.width() > b.coefficient || d.scale.width() > b.move;
     if (!drivers)
-        for (const EffectName e :
-             {expression, head_pose, pose_residual, left_gaze, right_gaze, eye_offset, kappa,
-              periocular, corneal_bulge, corneal_refraction, glint, pupil, lid_shadow,
-              head_shading, eye_appearance})
+        for (const EffectName e : {expression, head_pose, pose_residual, left_gaze, right_gaze,
+                                   eye_offset, kappa, periocular, corneal_bulge, corneal_refraction,
+                                   glint, pupil, lid_shadow, head_shading, eye_appearance})
             say(e, false, "nothing here is driven");
     else {
         if (expression_varies && avatar && a.moved_by_expression == 0)
@@ -286,8 +285,7 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
         else if (varies > b.coefficient && !seen)
             say(lid_shadow, false, "eyes or lids move, but no view sees an eye");
         else
-            compare(lid_shadow, varies, b.coefficient,
-                    "gaze, head pose or expression vary" + over);
+            compare(lid_shadow, varies, b.coefficient, "gaze, head pose or expression vary" + over);
         if (!a.driven_eyes)
             say(eye_appearance, false, "the eyes' features are constants");
         else if (varies > b.coefficient && !seen)

@@ -2,10 +2,9 @@
 /// rye/avatar/eye_lids.hpp: the shadows of the upper lids on the eyeballs (rig/lid_shadow.hpp), for
 /// the effect LidShadow: the lids' points, which Gaussians of the driven face carry along as far as
 /// they are driven from where they rest, before the head's motion; what they take from the first
-/// channels of the eyes' features, highlights included, and back.
-/// Functions of a point run on the host (backend/each.hpp) and on a device (backend/cuda/each.hpp).
-/// Frames: the lids' points and the eyes' turns and centres in the head's, canonical units; points
-/// of an eye in the eyeball's.
+/// channels of the eyes' features, highlights included, and back. Functions of a point run on the
+/// host (backend/each.hpp) and on a device (backend/cuda/each.hpp). Frames: the lids' points and the
+/// eyes' turns and centres in the head's, canonical units; points of an eye in the eyeball's.
 #pragma once
 
 #include <algorithm>
@@ -118,10 +117,10 @@ Index lid_column(const Columns<T>& line, Index k) {
 /// The lids of both eyes in a frame.
 template <class T>
 struct FrameLids {
-    Columns<T> points;              ///< x and y, 2 x 2K; empty without shadows
-    std::array<Vec3<T>, 2> centre;  ///< of the eyes
+    Columns<T> points;             ///< x and y, 2 x 2K; empty without shadows
+    std::array<Vec3<T>, 2> centre; ///< of the eyes
     std::array<LidOfEye<T>, 2> eye;
-    Columns<T> plain;               ///< the eyes' colours before, shaded_channels x P
+    Columns<T> plain; ///< the eyes' colours before, shaded_channels x P
 
     Index points_of_eye() const { return points.cols() / 2; }
     /// Returns x and y of an eye's points from its centre, over its radius, 2 x K.
@@ -129,14 +128,13 @@ struct FrameLids {
         const Index n = points_of_eye(), first = static_cast<Index>(e) * n;
         Columns<T> at(2, n);
         for (Index k = 0; k < n; ++k)
-            for (Index a = 0; a < 2; ++a)
-                at(a, k) = (points(a, first + k) - centre[e][a]) / radius;
+            for (Index a = 0; a < 2; ++a) at(a, k) = (points(a, first + k) - centre[e][a]) / radius;
         return at;
     }
 };
 
-/// Sets the lids' points by the driven face's means, head frame, 3 x N or more, and its positions at
-/// rest, 3 x N.
+/// Sets the lids' points by the driven face's means, head frame, 3 x N or more, and its positions
+/// at rest, 3 x N.
 template <class T, EffectSet E, class Lids>
 void take_lid_points([[maybe_unused]] const EyeStream<T, E>& eyes,
                      [[maybe_unused]] const Columns<T>& mean,
@@ -206,19 +204,17 @@ struct LidGradients {
 template <class T, EffectSet E, Backend B>
     requires has_effect<E, LidShadow>
 void eye_lids_vjp(const B& backend, const EyeStream<T, E>& eyes, const FrameLids<T>& lids,
-                  const Columns<T>& points,
-                  const std::type_identity_t<LidGradients<T, E>>& to) {
+                  const Columns<T>& points, const std::type_identity_t<LidGradients<T, E>>& to) {
     if (!eyes.has_lid_shadow()) return;
     Gaussians<T>& g = to.gaussians;
     const Index channels = g.feature.rows();
     for (std::size_t eye = 0; eye < 2; ++eye) {
         const Index e = static_cast<Index>(eye), first = eyes.first_point(e);
         T* const g_feature = g.feature.data() + channels * (to.begin + first);
-        const auto sums =
-            sum_each(backend, eyes.points_of(e),
-                     ShadeEyePointVjp<T>{points.data() + 3 * first, &lids.eye[eye], channels,
-                                         lids.plain.data() + shaded_channels * first, g_feature,
-                                         g_feature});
+        const auto sums = sum_each(
+            backend, eyes.points_of(e),
+            ShadeEyePointVjp<T>{points.data() + 3 * first, &lids.eye[eye], channels,
+                                lids.plain.data() + shaded_channels * first, g_feature, g_feature});
         lid_numbers_vjp(eyes.lid_shadow.data() + lid_numbers * e, sums,
                         to.eyes.lid_shadow.data() + lid_numbers * e);
         const T radius = eyeball_radius(eyes, e);
@@ -226,8 +222,7 @@ void eye_lids_vjp(const B& backend, const EyeStream<T, E>& eyes, const FrameLids
         const Columns<T> at = lids.around(eye, radius);
         for (Index k = 0; k < at.cols(); ++k) {
             Vec2<T> own(T(0), T(0));
-            LidArc<T>{at.data(), at.cols()}.vjp(k, sums.begin() + LidSums::height_at,
-                                                   own.data());
+            LidArc<T>{at.data(), at.cols()}.vjp(k, sums.begin() + LidSums::height_at, own.data());
             own /= radius;
             const Index i = lid_column(eyes.lid_line, e * at.cols() + k);
             g.mean.col(i).template head<2>() += own;

@@ -97,21 +97,19 @@ void for_lid_factors(const EyeStream<T, E>& eyes, const EyeTrace<T, E>& of, cons
     if (!eyes.has_lid_shadow()) return;
     const Columns<T>& position = moved_points(eyes, of.pupils);
     for (Index i = 0; i < position.cols(); ++i)
-        f(i, LidShade<T>(of.lids.eye[i < eyes.points_of(0) ? 0 : 1], Vec3<T>(position.col(i)))
-                 .factor);
+        f(i,
+          LidShade<T>(of.lids.eye[i < eyes.points_of(0) ? 0 : 1], Vec3<T>(position.col(i))).factor);
 }
 /// Keeps the shadows of a frame's lids in the features of both eyes.
 template <class T, EffectSet E>
 void keep_lid_shadow(const EyeStream<T, E>& eyes, const EyeTrace<T, E>& of, Columns<T>& feature) {
     for_lid_factors(eyes, of, [&](Index i, const T& factor) {
-        feature.col(i).template head<shaded_channels>() +=
-            (factor - T(1)) * of.lids.plain.col(i);
+        feature.col(i).template head<shaded_channels>() += (factor - T(1)) * of.lids.plain.col(i);
     });
 }
 /// Makes features what the frame's lids darken to them; black where they leave nothing.
 template <class T, EffectSet E>
-void before_lid_shadow(const EyeStream<T, E>& eyes, const EyeTrace<T, E>& of,
-                       Columns<T>& feature) {
+void before_lid_shadow(const EyeStream<T, E>& eyes, const EyeTrace<T, E>& of, Columns<T>& feature) {
     for_lid_factors(eyes, of, [&](Index i, const T& factor) {
         feature.col(i).template head<shaded_channels>() *= factor > T(0) ? T(T(1) / factor) : T(0);
     });

@@ -332,12 +332,11 @@ class DriveCache {
                                            const std::array<bool, 2>& moved) {
         const EyeStream<T, E>& eyes = avatar_->eyes;
         const bool kept = Highlights::any(eyes);
-        const std::array<bool, 2> lid = highlights_.follow(
-            eyes, face_.mean, avatar_->face.position, centre_, drivers);
+        const std::array<bool, 2> lid =
+            highlights_.follow(eyes, face_.mean, avatar_->face.position, centre_, drivers);
         std::array<bool, 2> which{}, written{}, driven{};
         for (std::size_t eye = 0; eye < 2; ++eye) {
-            const bool gaze = c.driver[2 + eye],
-                       relit = kept && (c.view || moved[eye] || lid[eye]);
+            const bool gaze = c.driver[2 + eye], relit = kept && (c.view || moved[eye] || lid[eye]);
             driven[eye] = detail::drives_features<EyeAppearanceOf<E>>(eyes.appearance(), eye);
             written[eye] = c.first || (c.light && !kept) ||
                            (driven[eye] && (c.attributes() || gaze)) ||

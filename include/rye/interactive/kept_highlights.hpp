@@ -50,8 +50,8 @@ class KeptHighlights {
     template <Backend B>
     void add([[maybe_unused]] const B& backend, const EyeStream<T, E>& eyes, std::size_t eye,
              [[maybe_unused]] const Drivers<T, E>& drivers,
-             [[maybe_unused]] const EyeTransform<T>& placed,
-             [[maybe_unused]] const T* points, bool fresh, Columns<T>& feature, Index begin) {
+             [[maybe_unused]] const EyeTransform<T>& placed, [[maybe_unused]] const T* points,
+             bool fresh, Columns<T>& feature, Index begin) {
         if (!any(eyes)) return;
         const Index e = static_cast<Index>(eye), first = eyes.first_point(e), n = eyes.points_of(e);
         plain_.resize(feature.rows(), eyes.position.cols());

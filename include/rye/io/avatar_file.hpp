@@ -173,9 +173,9 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     const bool highlights =
         !first && !second &&
         detail::has_part(file, who, "highlights", {"none", "lights"}, lights);
-    const bool lids = !first && !second && !third &&
-                      detail::has_part(file, who, "lid_shadow", {"none", "lids"},
-                                       "avatar.eyes.lid_shadow");
+    const bool lids =
+        !first && !second && !third &&
+        detail::has_part(file, who, "lid_shadow", {"none", "lids"}, "avatar.eyes.lid_shadow");
     // Layers and parts without numbers, to be replaced by the file's.
     detail::each_network(p.avatar, p.config, driven,
                          [](const std::string&, auto& net, const MlpShape& s) {

@@ -196,8 +196,8 @@ struct HeadShading {
 
 static_assert(Effect<Expression> && Effect<HeadPose> && Effect<PoseResidual> && Effect<LeftGaze> &&
               Effect<RightGaze> && Effect<EyeOffset> && Effect<Kappa> && Effect<Periocular> &&
-              Effect<CornealBulge> && Effect<CornealRefraction> && Effect<Glint> &&
-              Effect<Pupil> && Effect<LidShadow> && Effect<HeadShading> && !Effect<EffectBound>);
+              Effect<CornealBulge> && Effect<CornealRefraction> && Effect<Glint> && Effect<Pupil> &&
+              Effect<LidShadow> && Effect<HeadShading> && !Effect<EffectBound>);
 
 /// Any of several effects, for members that several of them need.
 template <Effect... X>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/lid_line.hpp: places along the lines of the upper lids, and the Gaussians of a face that
-/// carry them, for the effect LidShadow (rig/lid_shadow.hpp), found at rest by the landmarks around the eyes. Head
-/// frame, canonical units.
+/// rye/train/lid_line.hpp: places along the lines of the upper lids, and the Gaussians of a face
+/// that carry them, for the effect LidShadow (rig/lid_shadow.hpp), found at rest by the landmarks
+/// around the eyes. Head frame, canonical units.
 #pragma once
 
 #include <algorithm>
@@ -118,9 +118,8 @@ void follow_lid_line(const Columns<T>& position, const std::vector<Index>& whole
             const auto apart = [&](Index j) {
                 return (position.col(j) - position.col(i)).squaredNorm();
             };
-            found = std::min_element(whole.begin(), whole.end(), [&](Index a, Index b) {
-                return apart(a) < apart(b);
-            });
+            found = std::min_element(whole.begin(), whole.end(),
+                                     [&](Index a, Index b) { return apart(a) < apart(b); });
         }
         line(0, k) = static_cast<T>(found - whole.begin());
     }

@@ -49,8 +49,7 @@ struct PlaceLidsKernel {
                 const Vec3<float> in_head =
                     Rigid<float>{placed.head_rotation, from}.turn_back(from);
                 for (int a = 0; a < 2; ++a) {
-                    const float driven =
-                        in_head[a] / placed.scale - rest[3 * lids.column(k) + a];
+                    const float driven = in_head[a] / placed.scale - rest[3 * lids.column(k) + a];
                     lids.at[2 * k + a] = (lids.line[3 * k + 1 + a] + driven) / lids.radius[eye];
                 }
             }
@@ -174,8 +173,7 @@ struct AddLidPoints {
     float* g_mean; ///< 3 x N
 
     RYE_DEVICE void operator()(Index i) const {
-        for (Index k = 0; k < lids.count; ++k)
-            g_mean[3 * lids.column(k) + i] += lids.g[2 * k + i];
+        for (Index k = 0; k < lids.count; ++k) g_mean[3 * lids.column(k) + i] += lids.g[2 * k + i];
     }
 };
 
@@ -219,9 +217,9 @@ class DeviceLids {
                     const DeviceColumns<float>& feature, bool keep) {
         if (!any()) return;
         if (keep) plain_.reserve(queue, std::size_t(shaded_channels * feature.cols));
-        device_.launch(queue, 1,
-                       PlaceLidsKernel<E>{lids_, mean, rest, of(host_->lid_shadow).data, frame,
-                                          eye_.data()});
+        device_.launch(
+            queue, 1,
+            PlaceLidsKernel<E>{lids_, mean, rest, of(host_->lid_shadow).data, frame, eye_.data()});
         launch_each(device_, queue, feature.cols,
                     ShadeBothEyes{{position, eye_.data(), feature.rows, feature.data,
                                    keep ? plain_.data() : nullptr},
@@ -240,8 +238,7 @@ class DeviceLids {
             sums_.launch(queue, host_->points_of(eye),
                          ShadeEyePointVjp<float>{position + 3 * first, eye_.data() + eye, g.rows,
                                                  plain_.data() + shaded_channels * first,
-                                                 g.data + g.rows * first,
-                                                 g_.data + g.rows * first},
+                                                 g.data + g.rows * first, g_.data + g.rows * first},
                          {lid_sums_.data() + lid_room * eye});
         }
         device_.launch(queue, 1,

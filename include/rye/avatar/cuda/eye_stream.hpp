@@ -60,8 +60,8 @@ class DeviceEyeStream {
 
     /// Takes what is not trained: the template's points and the neutral centres. Waits. `drivers`:
     /// where each frame's will lie in device memory, at those places; `face`: its Gaussians.
-    void set_fixed(const CudaQueue& queue, const detail::DriverPlaces<E>& at,
-                   const float* drivers, [[maybe_unused]] Index face) {
+    void set_fixed(const CudaQueue& queue, const detail::DriverPlaces<E>& at, const float* drivers,
+                   [[maybe_unused]] Index face) {
         camera_ = drivers + at.camera;
         if constexpr (has_effect<E, LidShadow>) lids_->set_fixed(queue, face);
         if constexpr (has_effect<E, Glint>) highlights_->set_fixed(queue);
@@ -147,8 +147,7 @@ class DeviceEyeStream {
     void light_into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const Of& of,
                     [[maybe_unused]] const detail::DeviceFrameState* frame,
                     [[maybe_unused]] const float* mean, [[maybe_unused]] const float* rest,
-                    [[maybe_unused]] const DeviceGaussians<float>& to,
-                    [[maybe_unused]] bool keep) {
+                    [[maybe_unused]] const DeviceGaussians<float>& to, [[maybe_unused]] bool keep) {
         if constexpr (has_effect<E, LidShadow>) {
             if (!waits_for_face()) return;
             add_highlights_into(queue, of, frame, to);
@@ -305,8 +304,8 @@ class DeviceEyeStream {
     [[no_unique_address]] detail::Slot<E, Glint,
                                        std::unique_ptr<detail::DeviceHighlights<E, Device>>, 1>
         highlights_;
-    [[no_unique_address]] detail::Slot<E, LidShadow,
-                                       std::unique_ptr<detail::DeviceLids<E, Device>>, 1>
+    [[no_unique_address]] detail::Slot<E, LidShadow, std::unique_ptr<detail::DeviceLids<E, Device>>,
+                                       1>
         lids_;
     [[no_unique_address]] detail::PresentIf<
         detail::own_turn<E>, detail::NoOwnTurn,

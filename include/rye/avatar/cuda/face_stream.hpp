@@ -168,8 +168,7 @@ class DeviceFaceStream {
                                     cotangent.world, g, frame.state, rest_.rooms()},
             {cotangent.head});
         if (cotangent.lids.count > 0)
-            launch_each(device_, queue, 2,
-                        detail::AddLidPoints{cotangent.lids, g.mean.data});
+            launch_each(device_, queue, 2, detail::AddLidPoints{cotangent.lids, g.mean.data});
         if constexpr (face_rests<E>)
             launch_each(device_, queue, g.feature.size(),
                         detail::AddNumbers{g.feature.data, to(host_->rest_color).data});
