@@ -3,8 +3,9 @@
 /// the effect LidShadow: the lids' points, which Gaussians of the driven face carry along as far as
 /// they are driven from where they rest, before the head's motion; what they take from the first
 /// channels of the eyes' features, highlights included, and back. Functions of a point run on the
-/// host (backend/each.hpp) and on a device (backend/cuda/each.hpp). Frames: the lids' points and the
-/// eyes' turns and centres in the head's, canonical units; points of an eye in the eyeball's.
+/// host (backend/each.hpp) and on a device (backend/cuda/each.hpp).
+/// Frames: the lids' points and the eyes' turns and centres in the head's, canonical units; points
+/// of an eye in the eyeball's.
 #pragma once
 
 #include <algorithm>

@@ -24,7 +24,6 @@ struct DeviceWarp : detail::DeviceGroups {
     using U = std::uint32_t;
     using U64 = std::uint64_t;
     using M = bool;
-
     __device__ static U lane() { return threadIdx.x % 32; }
     __device__ static U lane_here() {
         U r;
@@ -201,7 +200,6 @@ struct DeviceWarp : detail::DeviceGroups {
     }
     __device__ static F low(U a) { return __uint_as_float(a << 16U); }
     __device__ static F high(U a) { return __uint_as_float(a & 0xFFFF0000U); }
-
     __device__ static void mma(Array<F, 4>& d, const Array<U, 4>& a, const Array<U, 2>& b) {
 #if !defined(__CUDA_ARCH__) || __CUDA_ARCH__ >= 800
         asm("mma.sync.aligned.m16n8k16.row.col.f32.bf16.bf16.f32 "
@@ -396,11 +394,6 @@ struct CudaDevice {
         check_cuda(cudaStreamSynchronize(queue.stream), "device memory");
     }
 };
-
-/// Returns the processors of a device whose program has kernels of groups for it, else 0.
-template <class Device>
-    requires std::is_base_of_v<CudaDevice, Device>
-int processors_of_groups(const Device&) { return detail::GroupProbe<>::processors(); }
 
 } // namespace rye
 

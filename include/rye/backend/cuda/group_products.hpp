@@ -310,4 +310,15 @@ struct DeviceGroups {
 
 } // namespace rye::detail
 
+namespace rye {
+
+struct CudaDevice; // device.hpp
+
+/// Returns the processors of a device whose program has kernels of groups for it, else 0.
+template <class Device>
+    requires std::is_base_of_v<CudaDevice, Device>
+int processors_of_groups(const Device&) { return detail::GroupProbe<>::processors(); }
+
+} // namespace rye
+
 #endif
