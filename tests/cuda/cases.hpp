@@ -113,9 +113,9 @@ inline Scenery<float> crowded(Index n, bool tied) {
 
 /// Gaussians in many rows of tiles: more than are kept, and more rows than a block has threads.
 inline Scenery<float> tall(Index n, Index channels) {
-    Scenery<float> s = random_scene<float>(n, channels, 81, 0.3);
+    Scenery<float> s = random_scene<float>(n, channels, 81, 0.1);
     s.name = "tall Gaussians";
-    for (Index i = 0; i < n; i += 3) s.gaussians.scale(1, i) *= 4;
+    for (Index i = 0; i < n; i += 3) s.gaussians.scale(1, i) *= 12;
     s.camera.fy = 350;
     s.camera.cy = 160;
     s.camera.height = 333;
