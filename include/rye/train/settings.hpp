@@ -71,7 +71,7 @@ struct AvatarRates {
     double shading = 1e-3;      ///< for avatars with HeadShading: light and normals
     double light_intensity = 1e-3; ///< of highlights, for avatars with lights
     double light_position = 0;  ///< of the lights, in world units; 0 keeps them where they are
-    double lid_shadow = 3e-3;   ///< of the lids' shadows, for avatars with them
+    double lid_shadow = 3e-2;   ///< of the lids' shadows, for avatars with them
     double deform = 1e-4;       ///< displacement networks of the face
 
     /// Returns the number of the optimiser's steps in which a parameter rests at first.
