@@ -142,9 +142,9 @@ struct MlpGroupForwardKernel {
                                                 16 * piece + j, h, both);
                 bits = bits | (W::positive(both) & U(0x00010001U << decltype(i)::value));
             });
-            W::write_word(network.signs + ((layer + place.tile) * (width / 64) + 2 * piece + half) *
-                                              128,
-                          U(static_cast<std::uint32_t>(32 * (w % 4))) + W::lane(), bits);
+            W::write_word(
+                network.signs + ((layer + place.tile) * (width / 64) + 2 * piece + half) * 128,
+                U(static_cast<std::uint32_t>(32 * (w % 4))) + W::lane(), bits);
         });
     }
     template <class W>
@@ -156,8 +156,8 @@ struct MlpGroupForwardKernel {
             expanded<Tiles::last / 4>([&](auto i) {
                 constexpr int j = decltype(i)::value / 2, h = decltype(i)::value % 2;
                 const U column = place.pair * U(2U) + U(std::uint32_t(8 * j));
-                write(place.there[h], column, place.point[h] * rows + column,
-                      sum[4 * j + 2 * h], sum[4 * j + 2 * h + 1]);
+                write(place.there[h], column, place.point[h] * rows + column, sum[4 * j + 2 * h],
+                      sum[4 * j + 2 * h + 1]);
             });
         };
         if (network.out % 2 == 0)
@@ -243,9 +243,8 @@ struct MlpGroupReverseKernel {
             constexpr int piece = decltype(p)::value;
             U bits[2];
             repeated<2>([&](auto half) {
-                bits[half] =
-                    W::read(signs + (2 * piece + half) * 128,
-                            U(U(static_cast<std::uint32_t>(32 * (w % 4))) + W::lane()));
+                bits[half] = W::read(signs + (2 * piece + half) * 128,
+                                     U(U(static_cast<std::uint32_t>(32 * (w % 4))) + W::lane()));
             });
             Array<F, 64> sum;
             batch<W>(sum, [&] { multiply_group<W, 128, false, own>(sum, rows, operand); });
@@ -310,9 +309,8 @@ struct MlpGroupReverseKernel {
             expanded<int(count) / 2>([&](auto i) {
                 constexpr int j = decltype(i)::value / 2, h = decltype(i)::value % 2;
                 const U column = place.pair * U(2U) + U(std::uint32_t(8 * j));
-                write_pair(place.there[h] && column < rows,
-                           place.there[h] && column + U(1U) < rows, to + 8 * j, first[h],
-                           sum[4 * j + 2 * h], sum[4 * j + 2 * h + 1]);
+                write_pair(place.there[h] && column < rows, place.there[h] && column + U(1U) < rows,
+                           to + 8 * j, first[h], sum[4 * j + 2 * h], sum[4 * j + 2 * h + 1]);
             });
         };
         if (network.inputs % 2 == 0 && reinterpret_cast<std::uintptr_t>(to) % 8 == 0)

@@ -22,10 +22,10 @@ struct MlpGroupTiles {
     static constexpr bool there = Tiles::N == 1 && (width == 128 || width == 256) &&
                                   (inputs == 32 || inputs == 64 || inputs == 128) &&
                                   std::is_same_v<A, LeakyRelu>;
-    static constexpr int points = 64;             ///< of a group
-    static constexpr int pieces = width / 128;    ///< of 128 columns
+    static constexpr int points = 64;          ///< of a group
+    static constexpr int pieces = width / 128; ///< of 128 columns
     static constexpr int groups = width == 128 ? 3 : 2;
-    static constexpr int last = 32;               ///< outputs, at most
+    static constexpr int last = 32; ///< outputs, at most
     static constexpr int most_layers = DeviceMlpNetwork::most_layers;
     /// Room for the operands in shared memory.
     static constexpr int bytes = (227 * 1024 - most_layers * width * 4 - 64) / 128 * 128;
@@ -52,18 +52,18 @@ struct MlpGroupTiles {
 /// A network as kernels take it: hidden layers all have the tiles' width.
 struct MlpGroupNetwork {
     int layers, inputs, out;
-    std::uint32_t takes_input;      ///< bit l: layer l
-    const void* forward;            ///< operands, in the order in which layers need them
-    const void* reverse;            ///< ... from the last layer on, then those to the inputs
-    int bytes;                      ///< of each
-    const float* bias;              ///< layers x width, with the products of the frame inputs
-    std::uint32_t points;           ///< that there is room for
+    std::uint32_t takes_input; ///< bit l: layer l
+    const void* forward;       ///< operands, in the order in which layers need them
+    const void* reverse;       ///< ... from the last layer on, then those to the inputs
+    int bytes;                 ///< of each
+    const float* bias;         ///< layers x width, with the products of the frame inputs
+    std::uint32_t points;      ///< that there is room for
     DevicePoints of;
-    std::uint16_t* input;           ///< inputs of points
-    std::uint16_t* activated;       ///< outputs of hidden layers, layer by layer
-    std::uint32_t* signs;           ///< of those: [layer][tile][width / 64][128] bits
-    std::uint16_t* cotangent;       ///< of those
-    std::uint16_t* last_cotangent;  ///< padded_16(out) wide
+    std::uint16_t* input;          ///< inputs of points
+    std::uint16_t* activated;      ///< outputs of hidden layers, layer by layer
+    std::uint32_t* signs;          ///< of those: [layer][tile][width / 64][128] bits
+    std::uint16_t* cotangent;      ///< of those
+    std::uint16_t* last_cotangent; ///< padded_16(out) wide
 
     RYE_HD std::uint32_t tiles() const { return (points + 63) / 64; }
     RYE_HD bool takes(int l) const { return (takes_input >> static_cast<unsigned>(l) & 1U) != 0; }
@@ -75,8 +75,8 @@ struct MlpGroupPackJob {
     const float* from;
     Index k_apart, n_apart;
     int k_count, n_count;
-    int k, n;  ///< in whole tiles of 8
-    int word;  ///< where it begins
+    int k, n; ///< in whole tiles of 8
+    int word; ///< where it begins
 };
 
 /// All operands of a network, 8 numbers along K by n in tiles of 8 x 8, numbers along K neighbours,
@@ -175,10 +175,10 @@ template <class W>
 struct GroupPlace {
     using U = typename W::U;
     std::uint32_t tile;
-    U pair;             ///< of the lane's columns: 2 pair, 2 pair + 1, of 8
-    U point[2];         ///< lane / 4, and 8 further
+    U pair;     ///< of the lane's columns: 2 pair, 2 pair + 1, of 8
+    U point[2]; ///< lane / 4, and 8 further
     typename W::M there[2];
-    U word;             ///< of the first row, in tiles
+    U word; ///< of the first row, in tiles
 
     RYE_DEVICE GroupPlace(std::uint32_t tile_, std::uint32_t count, int w) : tile(tile_) {
         const U row = U(static_cast<std::uint32_t>(16 * (w % 4))) + W::lane() / U(4U);
@@ -245,7 +245,7 @@ RYE_DEVICE void multiply_group(Array<typename W::F, std::size_t(n / 2)>& sum,
     const auto b = W::operand(operand, 128, 16 * n);
     expanded<steps>([&](auto k) {
         W::template product<n, onto || (decltype(k)::value > 0), false>(sum, rows[k],
-                                                                       W::moved(b, 32 * n * k));
+                                                                        W::moved(b, 32 * n * k));
     });
 }
 

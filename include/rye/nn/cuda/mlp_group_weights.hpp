@@ -12,12 +12,12 @@ namespace rye::detail {
 
 /// A layer's part of the work: blocks of `high` inputs by all outputs by a slice of the points.
 struct MlpGroupWeightLayer {
-    const std::uint16_t* hidden;    ///< outputs of the layer below
+    const std::uint16_t* hidden; ///< outputs of the layer below
     const std::uint16_t* cotangent;
-    int hidden_rows, input_rows;    ///< numbers of its inputs, in whole tiles
-    int columns, kept;              ///< outputs of a block, and those that cotangents have
-    int high, slices, first;        ///< inputs of a block; slices of the points; first block
-    int number;                     ///< of the first sum of the first block
+    int hidden_rows, input_rows; ///< numbers of its inputs, in whole tiles
+    int columns, kept;           ///< outputs of a block, and those that cotangents have
+    int high, slices, first;     ///< inputs of a block; slices of the points; first block
+    int number;                  ///< of the first sum of the first block
 
     RYE_HD int rows() const { return hidden_rows + input_rows; }
     RYE_HD int tiles() const { return (rows() + high - 1) / high; }
@@ -32,7 +32,7 @@ struct MlpGroupWeightCut {
     MlpGroupWeightLayer layer[DeviceMlpNetwork::most_layers];
     int layers, all, numbers; ///< blocks, and sums of all of them
     const std::uint16_t* input;
-    std::uint32_t points;     ///< that there is room for
+    std::uint32_t points; ///< that there is room for
     DevicePoints of;
 
     /// Sets slices and blocks: a block's time goes with the bytes of a point.
@@ -109,8 +109,7 @@ struct MlpGroupWeightKernel {
             if (t == 0) W::set_ring(shared, 4 * groups);
         });
         // A piece: the cotangents of 64 points, then the block's inputs.
-        const int first = part * layer.high,
-                  rows = rye::min(layer.high, layer.rows() - first);
+        const int first = part * layer.high, rows = rye::min(layer.high, layer.rows() - first);
         const int of_hidden = rye::max(0, rye::min(rows, layer.hidden_rows - first));
         const auto piece = [&](int k, const auto& copy) {
             const Index tile = slice + Index(k) * layer.slices;
@@ -185,9 +184,9 @@ struct MlpGroupWeightKernel {
             expanded<4 * units * across>([&](auto i) {
                 constexpr int k = decltype(i)::value % 4, c = decltype(i)::value / 4 % across,
                               u = decltype(i)::value / (4 * across);
-                W::template product_transposed<wide>(
-                    sum[u][c], W::moved(left, 8192 * groups * u + 256 * k),
-                    W::moved(right, 16384 * c + 256 * k), w % 4);
+                W::template product_transposed<wide>(sum[u][c],
+                                                     W::moved(left, 8192 * groups * u + 256 * k),
+                                                     W::moved(right, 16384 * c + 256 * k), w % 4);
             });
             if constexpr (with_ones)
                 expanded<4>([&](auto k) {
@@ -202,7 +201,7 @@ struct MlpGroupWeightKernel {
         }
         const U row = U(static_cast<std::uint32_t>(16 * (w % 4))) + W::lane() / U(4U),
                 pair = W::lane() % U(4U);
-        expanded<units * across * (wide / 4)>([&](auto i) {
+        expanded<units * across*(wide / 4)>([&](auto i) {
             constexpr int h = decltype(i)::value % 2, j = decltype(i)::value / 2 % (wide / 8),
                           c = decltype(i)::value / (wide / 4) % across,
                           u = decltype(i)::value / (wide / 4 * across);
@@ -221,9 +220,9 @@ struct MlpGroupWeightKernel {
 
 /// Destination of a layer's gradient.
 struct MlpGroupTarget {
-    float* weight; ///< out x (hidden + input + frame inputs); added to
-    float* bias;   ///< added to
-    float* sum;    ///< [out] sums of cotangents over points
+    float* weight;  ///< out x (hidden + input + frame inputs); added to
+    float* bias;    ///< added to
+    float* sum;     ///< [out] sums of cotangents over points
     int out, first; ///< first block
 };
 
@@ -263,10 +262,9 @@ struct MlpGroupMergeKernel {
             const int input = row - layer.hidden_rows;
             if (!sums && input >= inputs) return;
             const int tile = sums ? 0 : row / layer.high;
-            const int inside =
-                sums ? rye::min(layer.high, layer.rows()) : row - tile * layer.high;
-            const float* const from = partial + layer.number + Index(tile) * layer.numbers() +
-                                      inside * layer.columns + o;
+            const int inside = sums ? rye::min(layer.high, layer.rows()) : row - tile * layer.high;
+            const float* const from =
+                partial + layer.number + Index(tile) * layer.numbers() + inside * layer.columns + o;
             float x = 0;
             for (int s = 0; s < used; s += at_once) {
                 float part[std::size_t(at_once)];

@@ -109,9 +109,9 @@ class MlpGroups {
         network_.of = of;
         if (keep) place(queue);
         const Index blocks = grid();
-        device.launch(queue, blocks,
-                      MlpGroupForwardKernel<Tiles, A>{network_, points, out, keep,
-                                                      static_cast<int>(blocks)});
+        device.launch(
+            queue, blocks,
+            MlpGroupForwardKernel<Tiles, A>{network_, points, out, keep, static_cast<int>(blocks)});
     }
     void vjp_into(const Device& device, const CudaQueue& queue,
                   const DeviceColumns<const float>& g_out, const DeviceMlpGradient& g,
@@ -120,8 +120,8 @@ class MlpGroups {
         const int hidden = network_.layers - 1;
         const std::size_t tile = std::size_t(64) * network_.tiles();
         const int kept = padded_16(network_.out);
-        scratch.cotangents.reserve(queue, tile * static_cast<std::size_t>(hidden * width + kept) +
-                                              8);
+        scratch.cotangents.reserve(queue,
+                                   tile * static_cast<std::size_t>(hidden * width + kept) + 8);
         network_.cotangent = scratch.cotangents.data();
         network_.last_cotangent =
             network_.cotangent + tile * static_cast<std::size_t>(hidden * width);
@@ -225,8 +225,8 @@ struct NoMlpGroups {
 };
 
 template <class Device, class Tiles, class A>
-using MlpGroupsOf = std::conditional_t<MlpGroupTiles<Tiles, A>::there,
-                                       MlpGroups<Device, Tiles, A>, NoMlpGroups>;
+using MlpGroupsOf =
+    std::conditional_t<MlpGroupTiles<Tiles, A>::there, MlpGroups<Device, Tiles, A>, NoMlpGroups>;
 
 } // namespace detail
 
