@@ -102,7 +102,7 @@ def plot(path, found):
     at = lambda a, v: (40 + a / most_a * (wide - 50), high - 30 - v / most_v * (high - 45))
     curve = " ".join("%.1f,%.1f" % at(a / 4, 434 * (1 - math.exp(-a / 4 / 7.8))) for a in range(4 * most_a))
     dots = "".join('<circle cx="%.1f" cy="%.1f" r="2"/>' % at(a, v) for a, v in found if a < most_a)
-    ticks = "".join('<text x="%.1f" y="%.1f">%d</text>' % (*at(a, -40), a) for a in range(0, most_a, 5))
+    ticks = "".join('<text x="%.1f" y="%.1f">%d</text>' % (*at(a, -22), a) for a in range(0, most_a, 5))
     ticks += "".join('<text x="2" y="%.1f">%d</text>' % (at(0, v)[1], v) for v in range(0, most_v, 100))
     path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide} {high}" font-family="sans-serif" '
                     f'font-size="11"><rect width="100%" height="100%" fill="white"/><polyline points="{curve}" fill="none" '
