@@ -225,7 +225,7 @@ def drawn_eyes(np, o, about):
                     depth = (E[:, :3] @ np.array(row[side]["centre"]) + E[:, 3])[2]
                     p = patch(np, grey, row[side]["pixel"], K[0, 0] * radius / depth)
                     g = np.array(row[side]["optical_in_camera"])
-                    if p is not None and g[2] < 0.2 and before[2, 2] < 0.1:  # neither turned away
+                    if p is not None and g[2] < -0.3 and before[2, 2] < -0.3:  # both towards the camera
                         found.append((p, turn(np, before), eye, angles(np, g)))
     print(f"{pictures} pictures with labels in {seconds:.0f} s: {pictures / seconds:.1f} a second; {len(found)} eyes")
     return found
