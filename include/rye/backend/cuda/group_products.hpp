@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/backend/cuda/group_products.hpp: products of matrices by a group, four warps together, on
+/// rye/backend/cuda/group_products.hpp: products of matrices by a warpgroup, here a group, on
 /// units of bf16, and copies of many bytes at once to shared memory, of sm_90a alone. A warp of a
 /// group has 16 of the 64 rows of sums; its registers are laid out as those of planes.hpp, 16 rows
 /// by 8 columns after another. Under nvcc only; host_groups.hpp is the same for the host.

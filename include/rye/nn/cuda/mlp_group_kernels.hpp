@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/cuda/mlp_group_kernels.hpp: 64 points of a group through all layers of a network, forward
-/// and back, with what passes from layer to layer in registers: sums of a product are laid out as
-/// the left operand of the next one. All operands stay in shared memory, and groups take tile after
-/// tile of points, none waiting for another.
+/// rye/nn/cuda/mlp_group_kernels.hpp: 64 points of a warpgroup through all layers of a network,
+/// forward and back, with what passes from layer to layer in registers: sums of a product are laid
+/// out as the left operand of the next one. All operands stay in shared memory, and groups take
+/// tile after tile of points, none waiting for another.
 #pragma once
 
 #include <rye/backend/cuda/ring_memory.hpp>
