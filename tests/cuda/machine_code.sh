@@ -25,7 +25,7 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
 plain_names() {
-    c++filt | sed -E 's/^(void )?rye::detail::run_kernel<//; s/ ?>\([^()]*(\([^()]*\)[^()]*)*\)$//
+    c++filt | sed -E 's/^(void )?rye::detail::run_kernel<//; s/(, [0-9]+ul)? ?>\([^()]*(\([^()]*\)[^()]*)*\)$//
         s/rye:://g; s/detail:://g; s/[{][^}]*[}]//g; s/ //g'
 }
 

@@ -36,7 +36,7 @@ struct PlaceEyesKernel {
     DeviceEyeOffset offset;
     DeviceFrameState* frame;
     /// Turns by the mechanism, 4 x 2, or null: DeviceGazeMechanism::turns.
-    [[no_unique_address]] PresentIf<own_turn<E>, NoOwnTurn, const float*> turns = {};
+    PresentIf<own_turn<E>, NoOwnTurn, const float*> turns = {};
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
@@ -92,7 +92,7 @@ struct DriveBothEyes {
     static constexpr const char* name = "eyes";
     DriveEyePoint<float, E> point; ///< of the left eye, whose points and transform come first
     Index left;                    ///< number of its points
-    [[no_unique_address]] Slot<E, Pupil, DevicePupils, 1> pupils = {};
+    Slot<E, Pupil, DevicePupils, 1> pupils = {};
 
     RYE_DEVICE void operator()(Index i) const {
         DriveEyePoint<float, E> own = point;
@@ -146,7 +146,7 @@ struct KappaVjpKernel {
     DeviceAngleGradients gradient;
     Index column; ///< place of the frame's column of delta_gaze among the drivers
     /// Cotangents of the optical axes as parts of the eyes read them, 3 x 2.
-    [[no_unique_address]] PresentIf<axes_are_trained<E>, NoTrainedAxes, const float*> g_axis = {};
+    PresentIf<axes_are_trained<E>, NoTrainedAxes, const float*> g_axis = {};
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
