@@ -62,16 +62,26 @@ struct FieldAdd {
     DeviceColumns<float> output; ///< rows x room
     float* out;                  ///< rows x N, added to
 
-    RYE_DEVICE void operator()(Index i) const {
+    /// A number of the outputs, squashed, and the sum that it joins; none beyond the list.
+    struct Term {
+        float y, sum;
+        Index to; ///< of the sum, or -1
+    };
+    RYE_DEVICE Term read(Index i) const {
         const auto rows =
             static_cast<std::uint32_t>(output.rows); // DeviceMlp: 2^32 numbers at most
         const std::uint32_t k = static_cast<std::uint32_t>(i) / rows;
-        if (k >= set.points.among(static_cast<std::uint32_t>(set.room))) return;
+        if (k >= set.points.among(static_cast<std::uint32_t>(set.room))) return {0, 0, -1};
         const auto point = static_cast<Index>(set.points.column(k));
-        const float lambda = set.lambda[point], y = squash_value(squash, output.data[i]);
-        if (squash != Squash::none) output.data[i] = y;
+        const float y = squash_value(squash, output.data[i]);
         const std::uint32_t row = static_cast<std::uint32_t>(i) % rows;
-        out[point * output.rows + static_cast<Index>(row)] += field_term(gain, lambda, y);
+        const Index to = point * output.rows + static_cast<Index>(row);
+        return {y, out[to] + field_term(gain, set.lambda[point], y), to};
+    }
+    RYE_DEVICE void write(Index i, const Term& term) const {
+        if (term.to < 0) return;
+        if (squash != Squash::none) output.data[i] = term.y;
+        out[term.to] = term.sum;
     }
 };
 

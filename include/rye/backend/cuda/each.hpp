@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/backend/cuda/each.hpp: kernels of a function of an index: a thread for each index, and sums
-/// over all of them in a fixed order. The function is a struct with a name and an operator().
+/// over all of them in a fixed order. The function is a struct with a name and an operator(); or
+/// with read(i) and write(i, what was read), of which a thread does `at_once` indices, all reads
+/// first: for little work on long arrays, where a block of a number a thread ends too soon.
 #pragma once
 
 #include <cstdint>
@@ -12,21 +14,43 @@ namespace rye {
 
 namespace detail {
 
+/// True if f's reads and writes are apart.
+template <class F>
+concept ReadsFirst = requires(const F& f, Index i) { f.write(i, f.read(i)); };
+
 /// f(i) for i in [0, count).
 template <class F>
 struct EachKernel {
     static constexpr const char* name = F::name;
-    static constexpr int threads = 128, blocks = 8;
+    static constexpr int threads = 128, blocks = 8, at_once = ReadsFirst<F> ? 4 : 1;
     struct Shared {};
     F f;
     Index count;
 
+    static Index blocks_of(Index count) {
+        return (count + threads * at_once - 1) / (threads * at_once);
+    }
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
         block.each_thread([&](int t) {
-            const Index i = Index(block.index()) * threads + t;
-            if (i < count) f(i);
+            const Index first = Index(block.index()) * (threads * at_once) + t;
+            if constexpr (ReadsFirst<F>) {
+                if (first + (at_once - 1) * threads < count) return several(first);
+                for (Index i = first; i < count; i += threads) f.write(i, f.read(i));
+            } else if (first < count) {
+                f(first);
+            }
         });
+    }
+
+  private:
+    RYE_DEVICE void several(Index first) const {
+        const auto a = f.read(first), b = f.read(first + threads);
+        const auto c = f.read(first + 2 * threads), d = f.read(first + 3 * threads);
+        f.write(first, a);
+        f.write(first + threads, b);
+        f.write(first + 2 * threads, c);
+        f.write(first + 3 * threads, d);
     }
 };
 
@@ -35,9 +59,8 @@ struct EachKernel {
 /// Puts f(i), for i in [0, count), on the stream: in any order, at once.
 template <class Device, class F>
 void launch_each(const Device& device, const CudaQueue& queue, Index count, const F& f) {
-    device.launch(queue,
-                  (count + detail::EachKernel<F>::threads - 1) / detail::EachKernel<F>::threads,
-                  detail::EachKernel<F>{f, count});
+    using Kernel = detail::EachKernel<F>;
+    device.launch(queue, Kernel::blocks_of(count), Kernel{f, count});
 }
 
 namespace detail {
@@ -167,7 +190,8 @@ struct CopyNumbers {
     static constexpr const char* name = "copy";
     const float* from;
     float* to;
-    RYE_DEVICE void operator()(Index i) const { to[i] = from[i]; }
+    RYE_DEVICE float read(Index i) const { return from[i]; }
+    RYE_DEVICE void write(Index i, float x) const { to[i] = x; }
 };
 
 /// to[i] += from[i].
@@ -175,7 +199,8 @@ struct AddNumbers {
     static constexpr const char* name = "sum of arrays";
     const float* from;
     float* to;
-    RYE_DEVICE void operator()(Index i) const { to[i] += from[i]; }
+    RYE_DEVICE float read(Index i) const { return to[i] + from[i]; }
+    RYE_DEVICE void write(Index i, float x) const { to[i] = x; }
 };
 
 } // namespace detail

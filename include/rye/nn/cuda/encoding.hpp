@@ -51,7 +51,8 @@ struct TanhNumber {
     static constexpr const char* name = "tanh";
     const float* x;
     float* y;
-    RYE_DEVICE void operator()(Index i) const { y[i] = squash_value(Squash::tanh, x[i]); }
+    RYE_DEVICE float read(Index i) const { return x[i]; }
+    RYE_DEVICE void write(Index i, float v) const { y[i] = squash_value(Squash::tanh, v); }
 };
 
 /// Adds the cotangent of number i, in terms of its tanh.
@@ -60,7 +61,8 @@ struct TanhNumberVjp {
     const float* y;
     const float* g;
     float* g_x; ///< added to
-    RYE_DEVICE void operator()(Index i) const { g_x[i] += g[i] * tanh_slope(y[i]); }
+    RYE_DEVICE float read(Index i) const { return g_x[i] + g[i] * tanh_slope(y[i]); }
+    RYE_DEVICE void write(Index i, float v) const { g_x[i] = v; }
 };
 
 } // namespace rye::detail
