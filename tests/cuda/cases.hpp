@@ -122,6 +122,27 @@ inline Scenery<float> tall(Index n, Index channels) {
     return s;
 }
 
+/// Lists that are made in several passes give the same pictures and gradients, to the bit.
+template <class Kernels, class Device>
+void in_passes(const Device& device, const CudaQueue& queue, const Scenery<float>& s) {
+    CAPTURE(s.name);
+    const Index pixels = Index(s.camera.width) * s.camera.height;
+    const Cotangents w{noise<float>(s.gaussians.channels(), pixels, 1), {}, {}};
+    const auto drawn = [&](std::uint32_t keys_of_pass) {
+        return render_on<Kernels>(device, queue, Balanced(), s.gaussians, s.camera, s.background,
+                                  &w, 0, keys_of_pass);
+    };
+    const auto one = drawn(0), several = drawn(1);
+    CHECK(one.lists == several.lists);
+    CHECK(one.feature == several.feature);
+    CHECK(one.alpha == several.alpha);
+    CHECK(one.gradient.mean == several.gradient.mean);
+    CHECK(one.gradient.rotation == several.gradient.rotation);
+    CHECK(one.gradient.scale == several.gradient.scale);
+    CHECK(one.gradient.opacity == several.gradient.opacity);
+    CHECK(one.gradient.feature == several.gradient.feature);
+}
+
 /// A frame that keeps nothing for a vjp has the same pictures, to the bit, in less memory.
 template <class Kernels, class Device>
 void without_vjp(const Device& device, const CudaQueue& queue, Index channels) {

@@ -142,7 +142,7 @@ template <class Kernels, class A, class Device, class D>
 DeviceRender<A> render_on(const Device& device, const CudaQueue& queue, const A& accuracy,
                           const Gaussians<float>& g, const Pinhole<float, D>& camera,
                           const VecX<float>& background, const Cotangents* cotangents = nullptr,
-                          std::int64_t capacity = 0) {
+                          std::int64_t capacity = 0, std::uint32_t keys_of_pass = 0) {
     const DeviceRasterizer<A, Device, Kernels> rasterizer{accuracy};
     const Index pixels = Index(camera.width) * camera.height, channels = g.channels();
     const DeviceCloud<Device> cloud(device, queue, g);
@@ -156,6 +156,7 @@ DeviceRender<A> render_on(const Device& device, const CudaQueue& queue, const A&
         images.contributor = {reinterpret_cast<std::uint32_t*>(who.buffer.data()), 1, pixels};
     DeviceFrame<Device> frame(device);
     frame.entry_capacity = frame.group_capacity = capacity;
+    if (keys_of_pass > 0) frame.keys_of_pass = keys_of_pass;
     DeviceRender<A> r;
     do {
         rasterizer.forward_into(queue, cloud.view(), camera, bg.buffer.data(), images, frame);

@@ -52,6 +52,11 @@ TEST_CASE("device: crowded tiles") {
     against<double, Three>(CudaDevice(), queue(), crowded(5000, false), Balanced());
     against<double, Three>(CudaDevice(), queue(), crowded(5000, true), Balanced());
 }
+TEST_CASE("device: lists in several passes") {
+    in_passes<Three>(CudaDevice(), queue(), random_scene<float>(5000, 3, 5));
+    in_passes<Three>(CudaDevice(), queue(), tall(1000, 3));
+}
+
 TEST_CASE("device: tall Gaussians") {
     lists_equal<Balanced>(CudaDevice(), queue(), tall(1000, 3));
     against<double, Three>(CudaDevice(), queue(), tall(200, 3), Balanced());

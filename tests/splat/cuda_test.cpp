@@ -39,6 +39,12 @@ TEST_CASE("cuda, emulated: tall Gaussians") {
     against<double, Three>(EmulatedDevice{}, host_queue, tall(150, 3), Balanced());
 }
 
+TEST_CASE("cuda, emulated: lists in several passes") {
+    const EmulatedDevice device{PhaseOrder::shuffled};
+    in_passes<Three>(device, host_queue, random_scene<float>(1000, 3, 5));
+    in_passes<Three>(device, host_queue, tall(150, 3));
+}
+
 TEST_CASE("cuda, emulated: a frame without a vjp") {
     without_vjp<Three>(EmulatedDevice{}, host_queue, 3);
     without_vjp<KernelChannels<16>>(EmulatedDevice{}, host_queue, 16);

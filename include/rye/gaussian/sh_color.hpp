@@ -33,7 +33,8 @@ struct ShColor {
         return Vec3<T>(select(raw[0] > zero, raw[0], zero), select(raw[1] > zero, raw[1], zero),
                        select(raw[2] > zero, raw[2], zero));
     }
-    /// Returns the cotangent of the mean and writes those of the coefficients.
+    /// Returns the cotangent of the mean and writes those of the coefficients, `g_rest` maybe over
+    /// `rest`.
     RYE_HD Vec3<T> vjp(const Vec3<T>& g, const T* rest, T* g_constant_band, T* g_rest,
                 Index stored = more) const {
         ShArray<T, Degree> g_basis;
@@ -43,8 +44,8 @@ struct ShColor {
             g_constant_band[c] = basis[0] * gc;
             for (int k = 0; k < more; ++k) {
                 const auto b = static_cast<std::size_t>(k) + 1;
-                g_rest[c * stored + k] = basis[b] * gc;
                 g_basis[b] += rest[c * stored + k] * gc;
+                g_rest[c * stored + k] = basis[b] * gc;
             }
         }
         return normalized_vjp(offset, sh_basis_vjp<T, Degree>(normalized(offset), g_basis));

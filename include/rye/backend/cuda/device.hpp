@@ -13,6 +13,7 @@
 #include <cstring>
 
 #include <rye/backend/cuda/group_products.hpp>
+#include <rye/backend/cuda/launch.hpp>
 #include <rye/backend/cuda/runtime.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
 
@@ -351,6 +352,7 @@ __global__ void __launch_bounds__(Kernel::threads, Kernel::blocks)
     run_kernel(const __grid_constant__ Kernel kernel) {
     extern __shared__ __align__(16) unsigned char shared_memory[];
     DeviceBlock<Kernel::threads> block;
+    meet_neighbours<Kernel>();
     if constexpr (has_code<Kernel>)
         kernel(block, *reinterpret_cast<typename Kernel::Shared*>(shared_memory));
 }
@@ -365,14 +367,8 @@ struct CudaDevice {
     template <class Kernel>
     void launch(const CudaQueue& queue, Index blocks, const Kernel& kernel) const {
         if (blocks <= 0 || queue.idle) return;
-        constexpr std::size_t bytes = sizeof(typename Kernel::Shared);
-        const auto run = detail::run_kernel<Kernel>;
-        if constexpr (bytes > std::size_t(48) << 10U)
-            check_cuda(cudaFuncSetAttribute(run, cudaFuncAttributeMaxDynamicSharedMemorySize,
-                                            static_cast<int>(bytes)),
-                       Kernel::name);
-        run<<<static_cast<unsigned>(blocks), Kernel::threads, bytes, queue.stream>>>(kernel);
-        check_cuda(cudaPeekAtLastError(), Kernel::name);
+        detail::start(detail::run_kernel<Kernel>, kernel, static_cast<unsigned>(blocks),
+                      queue.stream);
     }
     void fill(const CudaQueue& queue, void* p, int byte, std::size_t bytes) const {
         if (bytes > 0 && !queue.idle)

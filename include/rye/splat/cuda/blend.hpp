@@ -28,6 +28,7 @@ template <class A, int C>
 struct BlendKernel {
     using Layout = ChannelLayout<C>;
     static constexpr const char* name = "blend";
+    static constexpr bool admits_next = true, waits_on_device = true;
     static constexpr int threads = 128, blocks = Layout::products ? 3 : 4;
     static constexpr int N = planes_of<A>;
     using Found = FoundVisits<!Layout::products, A::outputs.contributor>;

@@ -105,7 +105,7 @@ struct BlockTiles {
     template <class At, class First, class Last>
     RYE_DEVICE static void some(int t, std::uint32_t n, const At& at, const First& first,
                                 const Last& last) {
-        constexpr std::uint32_t at_once = 4;
+        constexpr std::uint32_t at_once = 5; // the blocks of a head have 4.1 tasks a thread
         for (auto k = static_cast<std::uint32_t>(t); k < n; k += at_once * threads) {
             Task task[at_once];
             decltype(first(task[0])) given[at_once];

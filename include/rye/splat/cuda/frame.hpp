@@ -111,6 +111,15 @@ struct DeviceFrame {
         place(queue, partial_, m.partial, of.partials());
     }
 
+    /// Returns the number of passes in which lists are made: what one writes fits the cache, where
+    /// numbers that come one by one to a line of memory gather.
+    std::uint32_t passes() const {
+        if (m.tiles == 0) return 1;
+        const std::uint32_t most = std::min(m.tiles / m.columns, 8U);
+        return std::clamp((m.entries - 1) / keys_of_pass + 1, 1U, most);
+    }
+    std::uint32_t keys_of_pass = 4U << 20U; ///< keys that a pass writes, at most about
+
     /// Waits for the frame; returns true if everything fitted. Otherwise makes room, and the frame
     /// must be drawn again.
     bool finish(const CudaQueue& queue, std::int64_t max_entries = std::int64_t(1) << 31,

@@ -9,10 +9,31 @@
 
 namespace rye::detail {
 
+/// Sets words to 0: as a kernel, since the next one's blocks can wait for it in their places.
+struct ClearKernel {
+    static constexpr const char* name = "clear";
+    static constexpr bool admits_next = true, waits_on_device = true;
+    static constexpr int threads = 128, blocks = 8;
+    static constexpr std::uint32_t of_block = 4 * threads;
+    struct Shared {};
+    std::uint32_t* words;
+    std::uint32_t count;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        const std::uint32_t from = static_cast<std::uint32_t>(block.index()) * of_block;
+        block.each_thread([&](int t) {
+            for (auto k = static_cast<std::uint32_t>(t); k < of_block; k += threads)
+                if (from + k < count) words[from + k] = 0;
+        });
+    }
+};
+
 /// Projects Gaussians, and counts the entries of tiles.
 template <class A, class D>
 struct ProjectKernel {
     static constexpr const char* name = "project";
+    static constexpr bool admits_next = true, waits_on_device = true;
     static constexpr int threads = 128, blocks = 8;
     /// Shared memory of a block.
     struct Shared {
@@ -159,6 +180,7 @@ struct ProjectKernel {
 /// order in which tiles are drawn: by length, the longest first, so that no long list begins last.
 struct ScanKernel {
     static constexpr const char* name = "scan of tiles";
+    static constexpr bool admits_next = true, waits_on_device = true;
     static constexpr int threads = 1024, blocks = 1;
     static constexpr int each = 4; ///< numbers of a thread at a time
     /// Shared memory of a block.
@@ -254,6 +276,7 @@ struct ScanKernel {
 template <class A>
 struct BinKernel {
     static constexpr const char* name = "bin";
+    static constexpr bool admits_next = true, waits_on_device = true;
     static constexpr int threads = 128, blocks = 8;
     /// Shared memory of a block.
     struct Shared {
@@ -262,11 +285,17 @@ struct BinKernel {
     };
     int width, height;
     FrameMemory memory;
+    std::uint32_t passes; ///< the first is of Gaussians that begin in the first rows of tiles
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         if (memory.report->overflow != 0) return;
-        const auto base = static_cast<std::uint32_t>(block.index()) * threads;
+        const std::uint32_t pass = static_cast<std::uint32_t>(block.index()) / memory.blocks;
+        const std::uint32_t number = static_cast<std::uint32_t>(block.index()) % memory.blocks;
+        const std::uint32_t base = number * threads;
+        const auto is_in_pass = [&](const TileSpans& s) {
+            return passes == 1 || s.first * passes / (memory.tiles / memory.columns) == pass;
+        };
         BlockTiles& tiles = shared.tiles;
         block.each_thread([&](int t) {
             if (t == 0) tiles.tall = 0;
@@ -280,17 +309,22 @@ struct BinKernel {
                 tiles.spans[t] = memory.spans[i];
             }
             shared.before[t] = places;
+            if (!is_in_pass(tiles.spans[t])) tiles.spans[t].rows = 0, places = 0;
             tiles.put(block, t, places);
         });
         const std::uint32_t total = block.exclusive_sums(shared.before);
-        const std::uint32_t before = memory.block_places[block.index()];
-        const std::uint32_t ranks = memory.block_ranks[block.index()];
+        const std::uint32_t before = memory.block_places[number];
+        const std::uint32_t ranks = memory.block_ranks[number];
         const bool kept = memory.groups > 0;
-        if (kept)
+        if (kept && pass == 0)
             block.each_thread([&](int t) { // the words that begin with a place of the block
                 for (std::uint32_t k = (before + 7) / 8 + static_cast<std::uint32_t>(t);
                      8 * k < before + total; k += threads)
                     memory.touched[k] = 0;
+                if (passes == 1) return;
+                for (auto k = static_cast<std::uint32_t>(t); k < total; k += threads)
+                    Block::write_once(memory.owner + before + k,
+                                      base + BlockTiles::search(shared.before, k));
             });
         tiles.template each<A::support>(
             block, memory.footprint + base, width, height,
@@ -304,7 +338,7 @@ struct BinKernel {
                 const std::uint32_t place = before + shared.before[k.own] + k.rank;
                 memory.key[at[0] + at[1]] =
                     std::uint64_t(tiles.spans[k.own].key) << 32U | (kept ? place : owner);
-                if (kept) Block::write_once(memory.owner + place, owner);
+                if (kept && passes == 1) Block::write_once(memory.owner + place, owner);
             });
     }
 };

@@ -17,7 +17,8 @@ struct NearestKeys {
 
     std::uint64_t key[most];
     std::uint32_t bucket[128];
-    std::uint32_t count, most_depth, pick, picked;
+    std::uint32_t count, pick, picked;
+    std::uint32_t most_depth, least_depth; ///< of the least, the complement
 };
 
 /// Walk over the n keys of one tile in parts. Every thread of the block holds the same values.
@@ -53,14 +54,19 @@ struct NearestFirst {
     RYE_DEVICE std::uint32_t choose(Block& block) {
         if (taken == 0) {
             block.each_thread([&](int t) {
-                if (t == 0) shared.most_depth = 0;
+                if (t == 0) shared.most_depth = shared.least_depth = 0;
             });
             block.each_thread([&](int t) {
-                std::uint32_t far = 0;
-                for (std::uint32_t k = static_cast<std::uint32_t>(t); k < n; k += threads)
-                    far = rye::max(far, static_cast<std::uint32_t>(keys[k] >> 32U));
+                std::uint32_t far = 0, near = 0;
+                for (std::uint32_t k = static_cast<std::uint32_t>(t); k < n; k += threads) {
+                    const auto depth = static_cast<std::uint32_t>(keys[k] >> 32U);
+                    far = rye::max(far, depth);
+                    near = rye::max(near, ~depth);
+                }
                 block.raise(&shared.most_depth, far);
+                block.raise(&shared.least_depth, near);
             });
+            from = std::uint64_t(~block.agree(shared.least_depth)) << 32U;
             last = std::uint64_t(block.agree(shared.most_depth)) << 32U | 0xFFFFFFFFU;
         }
         std::uint64_t low = from, high = last;

@@ -74,14 +74,19 @@ struct DeviceRasterizer {
         });
         const detail::FrameMemory& m = frame.m;
         const Device& device = frame.device;
-        device.fill(queue, m.counters, 0,
-                    std::size_t(m.tiles) * detail::FrameMemory::apart * sizeof(std::uint32_t) +
-                        sizeof(FrameReport) + detail::FrameMemory::classes * sizeof(std::uint32_t));
+        constexpr std::uint32_t of_block = detail::ClearKernel::of_block;
+        const auto counters =
+            static_cast<std::uint32_t>(std::size_t(m.tiles) * detail::FrameMemory::apart +
+                                       sizeof(FrameReport) / 4 + detail::FrameMemory::classes);
+        device.launch(queue, (counters + of_block - 1) / of_block,
+                      detail::ClearKernel{m.counters, counters});
         device.launch(queue, m.blocks,
                       detail::ProjectKernel<A, D>{g, lens(camera), accuracy, camera.cx, camera.cy,
                                                   camera.width, camera.height, m});
         device.launch(queue, 1, detail::ScanKernel{m});
-        device.launch(queue, m.blocks, detail::BinKernel<A>{camera.width, camera.height, m});
+        const std::uint32_t passes = frame.passes();
+        device.launch(queue, passes * m.blocks,
+                      detail::BinKernel<A>{camera.width, camera.height, m, passes});
         each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
             if (first > 0) {
                 device.fill(queue, &m.report->groups, 0, sizeof(std::uint32_t));

@@ -76,6 +76,29 @@ struct ShBlock {
             for (int k = t; k < numbers; k += threads)
                 f(order.template memory<row>(base, k), Order::template place<row>(k));
     }
+    /// Copies the rows of a block's Gaussians to shared memory, those for which used(number in the
+    /// block) is true. A few loads are under way together.
+    template <class Order, class Used>
+    RYE_DEVICE static void load(const Order& order, Index base, Index count, int t,
+                                const float* from, float* to, const Used& used) {
+        const int numbers = static_cast<int>(count) * row;
+        if constexpr (row > 0) {
+            constexpr int at_once = 9;
+            for (int k = t; k < numbers; k += at_once * threads) {
+                float held[at_once];
+                repeated<at_once>([&](auto e) {
+                    const int own = k + e * threads;
+                    if (own < numbers && used(own / row))
+                        held[e] = from[order.template memory<row>(base, own)];
+                });
+                repeated<at_once>([&](auto e) {
+                    const int own = k + e * threads;
+                    if (own < numbers && used(own / row))
+                        to[Order::template place<row>(own)] = held[e];
+                });
+            }
+        }
+    }
 };
 
 /// Colours of Gaussians from their harmonics of one degree.
@@ -123,10 +146,10 @@ template <int degree, class Order = HarmonicsByColour>
 struct ShColorVjpKernel : detail::ShBlock<degree> {
     using Rows = detail::ShBlock<degree>;
     static constexpr const char* name = "vjp of harmonics";
-    static constexpr int blocks = 4;
+    static constexpr int blocks = degree > 3 ? 5 : 8;
     /// Shared memory of a block.
     struct Shared {
-        alignas(16) float rest[Rows::capacity], gradient[Rows::capacity];
+        alignas(16) float rest[Rows::capacity]; ///< coefficients, then their gradients
         std::uint8_t used[Rows::threads]; ///< 0 if the Gaussian's gradient is 0
     };
     Order order;
@@ -147,36 +170,32 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
             shared.used[t] = seen && !(g[0] == 0.0F && g[1] == 0.0F && g[2] == 0.0F) ? 1 : 0;
         });
         block.each_thread([&](int t) {
-            Rows::each(order, base, count, t, [&](Index from, int to) {
-                if (shared.used[to / rye::max(Rows::row, 1)] != 0)
-                    shared.rest[to] = in.rest.data[from];
-            });
+            Rows::load(order, base, count, t, in.rest.data, shared.rest,
+                       [&](int own) { return shared.used[own] != 0; });
         });
         block.each_thread([&](int t) {
             if (t < count) one(shared, base + t, t);
         });
         block.each_thread([&](int t) {
             Rows::each(order, base, count, t,
-                       [&](Index to, int from) { out.rest.data[to] = shared.gradient[from]; });
+                       [&](Index to, int from) { out.rest.data[to] = shared.rest[from]; });
         });
     }
 
   private:
     RYE_DEVICE void one(Shared& shared, Index i, int t) const {
-        float* const g_rest = shared.gradient + t * Rows::row;
+        float* const rest = shared.rest + t * Rows::row;
         float* const g_constant = out.constant.data + order.constant(i);
         if (shared.used[t] == 0) {
-            for (int k = 0; k < Rows::row; ++k) g_rest[k] = 0;
+            for (int k = 0; k < Rows::row; ++k) rest[k] = 0;
             for (int k = 0; k < 3; ++k) g_constant[k] = 0;
             return;
         }
         const float* const m = in.mean.data + 3 * i;
-        const float* const rest = shared.rest + t * Rows::row;
         const ShColor<float, degree> color(Vec3<float>(m[0], m[1], m[2]), eye,
                                            in.constant.data + order.constant(i), rest);
         const float* const g = g_rgb + 3 * i;
-        const Vec3<float> g_mean =
-            color.vjp(Vec3<float>(g[0], g[1], g[2]), rest, g_constant, g_rest);
+        const Vec3<float> g_mean = color.vjp(Vec3<float>(g[0], g[1], g[2]), rest, g_constant, rest);
         for (int k = 0; k < 3; ++k) out.mean.data[3 * i + k] += g_mean[k];
     }
 };
