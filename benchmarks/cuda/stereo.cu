@@ -3,7 +3,8 @@
 // of SIZE x SIZE (2048), driven once; networks and super-resolution by one and by three planes.
 // Milliseconds from new drivers in host memory to both pictures in device memory, as a program
 // waits that draws again and again: median, 99th percentile and most of 1000 frames, of a new gaze,
-// a new expression, a new camera. Then the pictures of one plane against those of three, in dB.
+// a new expression, a new camera; by single launches, and by graphs (frame_into). Then whether
+// both have the same bits, and the pictures of one plane against those of three, in dB.
 // Highlights are those that the middle between the eyes sees.
 #include <rye/backend/cuda/device.hpp>
 
@@ -66,7 +67,7 @@ Drivers<float> moved_expression(const PlayableAvatar<float>& p, int frame) {
 
 /// Prints the milliseconds of f(frame) by the clock.
 template <class F>
-void print_times(const char* name, int planes, const F& f) {
+void print_times(const char* how, const char* name, int planes, const F& f) {
     using Clock = std::chrono::steady_clock;
     std::vector<double> ms;
     for (int k = -warm_up; k < frames; ++k) {
@@ -76,8 +77,8 @@ void print_times(const char* name, int planes, const F& f) {
             ms.push_back(std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
     }
     std::sort(ms.begin(), ms.end());
-    std::printf("%d plane%s, new %-10s  median %6.2f ms, 99 %% %6.2f, most %6.2f\n", planes,
-                planes == 1 ? " " : "s", name, ms[ms.size() / 2], ms[ms.size() * 99 / 100],
+    std::printf("%d plane%s, %s, new %-10s  median %6.2f ms, 99 %% %6.2f, most %6.2f\n", planes,
+                planes == 1 ? " " : "s", how, name, ms[ms.size() / 2], ms[ms.size() * 99 / 100],
                 ms.back());
     std::fflush(stdout);
 }
@@ -96,6 +97,11 @@ std::array<Image<float>, 2> rows(const CudaQueue& queue, const PlayableAvatar<fl
                                      render_camera(p.camera, drawer.factor()));
     drawer.set_dilation(trained.dilation(Balanced{}.dilation, p.neutral, small));
     const float apart = pupils_over_head * head_place(p).radius;
+
+    const auto turned = [&](Pinhole<float> c, int frame) {
+        c.camera_from_world.translation.x() += 0.5F * apart * wave(frame, 0);
+        return c;
+    };
 
     const Index pixels = Index(size) * size;
     DeviceBuffer<float> numbers;
@@ -118,7 +124,7 @@ std::array<Image<float>, 2> rows(const CudaQueue& queue, const PlayableAvatar<fl
         } while (!drawer.finish(queue));
     };
     whole_frame(p.neutral);
-    print_times("gaze", N, [&](int frame) {
+    print_times("launches", "gaze", N, [&](int frame) {
         set(moved_gaze(p, frame));
         bool again = false;
         do {
@@ -130,20 +136,45 @@ std::array<Image<float>, 2> rows(const CudaQueue& queue, const PlayableAvatar<fl
             again = true;
         } while (!drawer.finish(queue));
     });
-    print_times("expression", N, [&](int frame) { whole_frame(moved_expression(p, frame)); });
+    print_times("launches", "expression", N,
+                [&](int frame) { whole_frame(moved_expression(p, frame)); });
     whole_frame(p.neutral);
-    print_times("camera", N, [&](int frame) {
-        Pinhole<float> turned = small;
-        turned.camera_from_world.translation.x() += 0.5F * apart * wave(frame, 0);
-        do draw(turned);
+    print_times("launches", "camera", N, [&](int frame) {
+        do draw(turned(small, frame));
         while (!drawer.finish(queue));
     });
+    const auto fetched = [&] {
+        std::array<Image<float>, 2> r{Image<float>(size, size, 3), Image<float>(size, size, 3)};
+        for (std::size_t eye = 0; eye < 2; ++eye)
+            CudaDevice().fetch(queue, r[eye].pixels.data(),
+                               numbers.data() + 3 * pixels * Index(eye),
+                               static_cast<std::size_t>(3 * pixels) * sizeof(float));
+        return r;
+    };
     whole_frame(p.neutral);
-    std::array<Image<float>, 2> pictures{Image<float>(size, size, 3), Image<float>(size, size, 3)};
-    for (std::size_t eye = 0; eye < 2; ++eye)
-        CudaDevice().fetch(queue, pictures[eye].pixels.data(),
-                           numbers.data() + 3 * pixels * Index(eye),
-                           static_cast<std::size_t>(3 * pixels) * sizeof(float));
+    const std::array<Image<float>, 2> pictures = fetched();
+
+    const auto kept_frame = [&](const Drivers<float>& drivers, const Pinhole<float>& middle) {
+        const std::array<Pinhole<float>, 2> cameras = stereo_cameras(middle, apart);
+        std::array<DeviceView, 2> views{};
+        for (std::size_t eye = 0; eye < 2; ++eye)
+            views[eye] = {cameras[eye],
+                          {{numbers.data() + 3 * pixels * Index(eye), 3, pixels}, size, size}};
+        do drawer.frame_into(queue, seen_from(restricted<E>(drivers), small), views);
+        while (!drawer.finish(queue));
+    };
+    print_times("graphs", "gaze", N, [&](int frame) { kept_frame(moved_gaze(p, frame), small); });
+    print_times("graphs", "expression", N,
+                [&](int frame) { kept_frame(moved_expression(p, frame), small); });
+    print_times("graphs", "camera", N,
+                [&](int frame) { kept_frame(p.neutral, turned(small, frame)); });
+    kept_frame(p.neutral, small);
+    const std::array<Image<float>, 2> again = fetched();
+    std::printf("graphs and launches: %s, %d graphs\n",
+                again[0].pixels == pictures[0].pixels && again[1].pixels == pictures[1].pixels
+                    ? "the same bits"
+                    : "DIFFERENT BITS",
+                static_cast<int>(drawer.graphs()));
     std::printf("%d Gaussians, %.0f MB of device memory\n",
                 static_cast<int>(drawer.avatar().face_count() + drawer.avatar().eye_count()),
                 static_cast<double>(drawer.bytes()) / 1e6);

@@ -2,6 +2,7 @@
 // Pictures of an avatar by a device, run by its emulation on the host.
 #include "../cuda/drawer_cases.hpp"
 #include "../cuda/emulated.hpp"
+#include "../cuda/kept_work.hpp"
 
 using namespace rye;
 using namespace rye::test;
@@ -20,4 +21,12 @@ TEST_CASE("cuda, emulated: a drawer's two views of one driving are each alone") 
 }
 TEST_CASE("cuda, emulated: what a drawer refuses") {
     drawer_bad_input(EmulatedDevice{}, host_queue);
+}
+TEST_CASE("cuda, emulated: frames that are kept have the bits of single launches") {
+    static MemoryOfKeptWork memory;
+    DeviceOfKeptWork::launches = 0;
+    const EmulatedDevice plain{PhaseOrder::shuffled};
+    CHECK(kept_frames_drawn(DeviceOfKeptWork{plain}, plain, {nullptr, memory}) == 4);
+    CHECK(DeviceOfKeptWork::launches > 12);
+    CHECK(kept_frames_drawn(plain, plain, host_queue) == 0);
 }

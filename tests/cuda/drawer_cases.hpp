@@ -143,6 +143,130 @@ void two_views_drawn(const Device& device, const CudaQueue& queue) {
     }
 }
 
+/// A drawer of kept frames beside one of single launches, two views each.
+template <EffectSet E, class Device, class Plain>
+struct KeptBeside {
+    const Plain& plain;
+    const CudaQueue& queue;
+    DeviceAvatarDrawer<E, Device, DrawnWide> kept;
+    DeviceAvatarDrawer<E, Plain, DrawnWide> single;
+    DeviceBuffer<float> numbers[2] = {};
+    Image<float> before{1, 1, 3};
+
+    KeptBeside(const Device& device, const Plain& plain_, const CudaQueue& queue_,
+               const AvatarCase<E>& c)
+        : plain(plain_),
+          queue(queue_),
+          kept(device, queue, {c.avatar, c.config, c.roles}),
+          single(plain, queue, {c.avatar, c.config, c.roles}) {
+        for (auto& n : numbers) n.reserve(queue, 6 * 120 * 120);
+    }
+    std::array<DeviceView, 2> views(const Pinhole<float>& middle, std::size_t buffer) const {
+        std::array<DeviceView, 2> r{};
+        const Index pixels = Index(middle.width) * middle.height;
+        for (std::size_t k = 0; k < 2; ++k) {
+            r[k].camera = middle;
+            r[k].camera.camera_from_world.translation.x() += k == 0 ? 0.03F : -0.03F;
+            r[k].picture = {{numbers[buffer].data() + 3 * pixels * Index(k), 3, pixels},
+                            middle.width,
+                            middle.height};
+        }
+        return r;
+    }
+    Image<float> fetched(const Pinhole<float>& middle, std::size_t buffer) const {
+        Image<float> r(middle.width, 2 * middle.height, 3);
+        plain.fetch(queue, r.pixels.data(), numbers[buffer].data(),
+                    static_cast<std::size_t>(r.pixels.size()) * sizeof(float));
+        return r;
+    }
+    /// Draws a frame, unlike the one before, by both; returns how often the kept one was put on the
+    /// stream.
+    int show(const Drivers<float, E>& drivers, const Pinhole<float>& middle) {
+        int attempts = 0;
+        do {
+            kept.frame_into(queue, drivers, views(middle, 0));
+            REQUIRE(++attempts < 5);
+        } while (!kept.finish(queue));
+        single.set_drivers(queue, drivers);
+        do {
+            single.drive_into(queue);
+            const auto to = views(middle, 1);
+            for (std::size_t k = 0; k < 2; ++k)
+                single.draw_into(queue, to[k].camera, to[k].picture, k);
+        } while (!single.finish(queue));
+        const Image<float> found = fetched(middle, 0);
+        CHECK(found.pixels == fetched(middle, 1).pixels);
+        if (found.width == before.width) CHECK(apart(found, before) > 1e-4);
+        before = found;
+        return attempts;
+    }
+};
+
+/// Frames of kept work against the same frames by single launches: `device` may have graphs.
+/// Returns the number of graphs when all kinds of frames were drawn.
+template <class Device, class Plain>
+std::size_t kept_frames_drawn(const Device& device, const Plain& plain, const CudaQueue& queue) {
+    using E = PaperEffects;
+    AvatarCase<E> c = case_with_parts<E>();
+    UpsamplerShape shape = c.avatar.upsampler.shape;
+    shape.doublings = 0;
+    c.avatar.upsampler = Upsampler<float>::init(shape, Random{5, 0});
+    c.avatar.face.log_scale.array() += 1.0F;
+    KeptBeside<E, Device, Plain> both(device, plain, queue, c);
+    const Pinhole<float> camera = tiny_camera(16, 14).cast<float>();
+    Pinhole<float> moved = camera, longer = camera, shifted = camera;
+    moved.camera_from_world.translation.z() += 0.5F;
+    longer.fx *= 1.3F;
+    shifted.cx += 2.5F;
+    Drivers<float, E> drivers = c.drivers;
+    const auto gazes = [&](int count, const Pinhole<float>& by) {
+        for (int k = 0; k < count; ++k) {
+            drivers = gazing_elsewhere(drivers, 0.1F);
+            CHECK(both.show(drivers, by) == 1);
+        }
+    };
+    const auto expressions = [&](int count, const Pinhole<float>& by) {
+        for (int k = 0; k < count; ++k) {
+            drivers.expression = (0.5F - static_cast<float>(k)) * c.drivers.expression;
+            CHECK(both.show(drivers, by) == 1);
+        }
+    };
+    both.show(drivers, camera);
+    gazes(3, camera); // as it is, captured, launched
+    expressions(3, camera);
+    for (const Pinhole<float>& by : {moved, longer, camera, shifted})
+        CHECK(both.show(drivers, by) == 1);
+    gazes(1, moved);
+    drivers.pose[0] += 0.1F;
+    CHECK(both.show(drivers, longer) == 1);
+    const std::size_t graphs = both.kept.graphs();
+    gazes(1, camera);
+    expressions(1, moved);
+    for (const Pinhole<float>& by : {longer, shifted}) CHECK(both.show(drivers, by) == 1);
+    CHECK(both.kept.graphs() == graphs);
+    // Another size, from far, then so near that the kept frame has no room for its lists.
+    Pinhole<float> large = tiny_camera(120, 120).cast<float>();
+    large.fx *= 0.1F, large.fy *= 0.1F;
+    for (int k = 0; k < 4; ++k) {
+        CHECK(both.show(drivers, large) == 1);
+        large.fx *= 0.9F;
+    }
+    large.fx = large.fy = 300;
+    CHECK(both.show(drivers, large) == 2);
+    gazes(3, camera);
+    static_cast<void>(both.kept.eyes(queue, moved)); // with memory of its own
+    gazes(3, camera);
+    auto two = both.views(camera, 0);
+    two[1].camera.width = 20;
+    CHECK_FAULT(both.kept.frame_into(queue, drivers, two), "expected one size");
+    drivers.gaze[0].setZero();
+    CHECK_FAULT(both.kept.frame_into(queue, drivers, both.views(camera, 0)),
+                "expected a finite direction");
+    drivers = gazing_elsewhere(c.drivers, 0.4F);
+    both.show(drivers, camera);
+    return graphs;
+}
+
 /// Effects and parts that `rye` trains.
 template <class Device>
 void variants_drawn(const Device& device, const CudaQueue& queue, double bound) {

@@ -20,6 +20,9 @@ TEST_CASE("device: a drawer redoes what differs from the frame before") {
 TEST_CASE("device: a drawer's two views of one driving are each alone") {
     two_views_drawn(CudaDevice(), queue());
 }
+TEST_CASE("device: frames that are kept have the bits of single launches") {
+    CHECK(kept_frames_drawn(CudaDevice(), CudaDevice(), queue()) == 4);
+}
 TEST_CASE("device: what a drawer refuses") { drawer_bad_input(CudaDevice(), queue()); }
 
 int main(int argc, char** argv) { return cases_on_device("drawer_device", argc, argv); }

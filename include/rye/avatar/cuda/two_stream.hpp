@@ -207,16 +207,24 @@ class DeviceTwoStream {
     /// the frame has to be driven again: the gradient of one that had none is not a number. Throws
     /// an Error for a gaze without a direction.
     bool finish(const CudaQueue& queue) {
-        if constexpr (has_effect<E, AnyOf<LeftGaze, RightGaze>>) {
-            std::uint32_t bad = 0;
-            device_.fetch(queue, &bad, &state_.data()->bad_gaze, sizeof bad);
-            require(bad == 0, "DeviceTwoStream", "gaze of the ",
-                    (bad == 1U   ? "left"
-                     : bad == 2U ? "right"
-                                 : "left and the right"),
-                    " eye is not finite or has no direction");
-        }
-        return face_.rest().finish(queue);
+        std::uint32_t bad = 0;
+        if (bad_gaze() != nullptr) device_.fetch(queue, &bad, bad_gaze(), sizeof bad);
+        return take(bad, face_.rest().listed(queue));
+    }
+    /// The same with what has come to the host by the caller's own copies: of *bad_gaze(), and of
+    /// the lengths of rooms().
+    bool take(std::uint32_t bad, const std::vector<std::uint32_t>& lengths) {
+        require(bad == 0, "DeviceTwoStream", "gaze of the ",
+                (bad == 1U   ? "left"
+                 : bad == 2U ? "right"
+                             : "left and the right"),
+                " eye is not finite or has no direction");
+        return make_room(lengths);
+    }
+    /// The last frame's eyes whose gaze is bad, in device memory; null if no eye turns.
+    const std::uint32_t* bad_gaze() const {
+        if constexpr (has_effect<E, AnyOf<LeftGaze, RightGaze>>) return &state_.data()->bad_gaze;
+        return nullptr;
     }
 
     /// Room for lists of those lengths, from the next frame on: what `finish` does, for a caller

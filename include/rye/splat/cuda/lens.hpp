@@ -74,4 +74,17 @@ struct DeviceLens {
     }
 };
 
+/// A lens D whose numbers are in device memory when a kernel runs.
+template <class D>
+struct LensInMemory {};
+
+/// Such a camera: where its numbers are.
+template <class D, class T>
+struct DeviceLens<LensInMemory<D>, T> {
+    using Held = typename DeviceLens<D, T>::Held;
+    const DeviceLens<D, T>* at;
+
+    RYE_HD void put(Held& to) const { at->put(to); }
+};
+
 } // namespace rye

@@ -66,37 +66,21 @@ struct DeviceRasterizer {
     void forward_into(const CudaQueue& queue, const DeviceGaussians<const float>& g,
                       const Pinhole<float, D>& camera, const float* background,
                       const DeviceImages& images, Frame& frame) const {
-        check(g, camera, images);
-        detail::check_alpha_min<float>(accuracy);
-        Kernels::with(g.channels(), [&](auto C) {
-            frame.shape(queue, g.count(), camera.width, camera.height,
-                        detail::ChannelLayout<C()>::stride);
-        });
-        const detail::FrameMemory& m = frame.m;
-        const Device& device = frame.device;
-        constexpr std::uint32_t of_block = detail::ClearKernel::of_block;
-        const auto counters =
-            static_cast<std::uint32_t>(std::size_t(m.tiles) * detail::FrameMemory::apart +
-                                       sizeof(FrameReport) / 4 + detail::FrameMemory::classes);
-        device.launch(queue, (counters + of_block - 1) / of_block,
-                      detail::ClearKernel{m.counters, counters});
-        device.launch(queue, m.blocks,
-                      detail::ProjectKernel<A, D>{g, lens(camera), accuracy, camera.cx, camera.cy,
-                                                  camera.width, camera.height, m});
-        device.launch(queue, 1, detail::ScanKernel{m});
-        const std::uint32_t passes = frame.passes();
-        device.launch(queue, passes * m.blocks,
-                      detail::BinKernel<A>{camera.width, camera.height, m, passes});
-        each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
-            if (first > 0) {
-                device.fill(queue, &m.report->groups, 0, sizeof(std::uint32_t));
-                device.fill(queue, m.walked, 0,
-                            detail::FrameMemory::classes * sizeof(std::uint32_t));
-            }
-            device.launch(queue, m.tiles,
-                          detail::BlendKernel<A, C()>{
-                              m, scene(g, background, camera, first, channels), images, accuracy});
-        });
+        draw(queue, g, lens(camera), camera, background, images, frame);
+    }
+    /// The same by a lens that is in device memory when the picture is drawn, so that a kept graph
+    /// draws by another one: of `camera` its size and principal point count.
+    template <Distortion D>
+    void forward_into(const CudaQueue& queue, const DeviceGaussians<const float>& g,
+                      const DeviceLens<D>* by, const Pinhole<float, D>& camera,
+                      const float* background, const DeviceImages& images, Frame& frame) const {
+        draw(queue, g, DeviceLens<LensInMemory<D>>{by}, camera, background, images, frame);
+    }
+    /// Returns a camera as kernels take it.
+    template <Distortion D>
+    DeviceLens<D> lens(const Pinhole<float, D>& camera) const {
+        return DeviceLens<D>(
+            Projector<float, D>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
     }
 
     /// Puts the vjp of the frame's last render on the stream: gradients of everything in `g`.
@@ -182,10 +166,41 @@ struct DeviceRasterizer {
     }
 
   private:
-    template <Distortion D>
-    auto lens(const Pinhole<float, D>& camera) const {
-        return DeviceLens<D>(
-            Projector<float, D>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
+    template <class L, Distortion D>
+    void draw(const CudaQueue& queue, const DeviceGaussians<const float>& g,
+              const DeviceLens<L>& by, const Pinhole<float, D>& camera, const float* background,
+              const DeviceImages& images, Frame& frame) const {
+        check(g, camera, images);
+        detail::check_alpha_min<float>(accuracy);
+        Kernels::with(g.channels(), [&](auto C) {
+            frame.shape(queue, g.count(), camera.width, camera.height,
+                        detail::ChannelLayout<C()>::stride);
+        });
+        const detail::FrameMemory& m = frame.m;
+        const Device& device = frame.device;
+        constexpr std::uint32_t of_block = detail::ClearKernel::of_block;
+        const auto counters =
+            static_cast<std::uint32_t>(std::size_t(m.tiles) * detail::FrameMemory::apart +
+                                       sizeof(FrameReport) / 4 + detail::FrameMemory::classes);
+        device.launch(queue, (counters + of_block - 1) / of_block,
+                      detail::ClearKernel{m.counters, counters});
+        device.launch(queue, m.blocks,
+                      detail::ProjectKernel<A, L>{g, by, accuracy, camera.cx, camera.cy,
+                                                  camera.width, camera.height, m});
+        device.launch(queue, 1, detail::ScanKernel{m});
+        const std::uint32_t passes = frame.passes();
+        device.launch(queue, passes * m.blocks,
+                      detail::BinKernel<A>{camera.width, camera.height, m, passes});
+        each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
+            if (first > 0) {
+                device.fill(queue, &m.report->groups, 0, sizeof(std::uint32_t));
+                device.fill(queue, m.walked, 0,
+                            detail::FrameMemory::classes * sizeof(std::uint32_t));
+            }
+            device.launch(queue, m.tiles,
+                          detail::BlendKernel<A, C()>{
+                              m, scene(g, background, camera, first, channels), images, accuracy});
+        });
     }
     template <Distortion D>
     void project_tangents(const CudaQueue& queue, const DeviceGaussians<const float>& g,
