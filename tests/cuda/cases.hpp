@@ -184,6 +184,69 @@ void without_vjp(const Device& device, const CudaQueue& queue, Index channels) {
     CHECK(without.bytes < with.bytes / 2);
 }
 
+/// Features as halves: against every Gaussian at every pixel in double, within the bound that
+/// halves of features, and from 5 channels on of weights, have; alpha has the same bits.
+template <class Kernels, class Device>
+void halves_drawn(const Device& device, const CudaQueue& queue, Index channels) {
+    using A = FeaturesOnly<Exact32>;
+    Scenery<float> s = random_scene<float>(300, channels, 5);
+    const Index pixels = Index(s.camera.width) * s.camera.height;
+    const DeviceArray<Device> bg(device, queue, Columns<float>(s.background));
+    struct Drawn {
+        Columns<float> feature, alpha;
+    };
+    const auto drawn = [&](const auto& rules) {
+        const DeviceRasterizer<std::remove_cvref_t<decltype(rules)>, Device, Kernels> r{rules};
+        const DeviceCloud<Device> cloud(device, queue, s.gaussians);
+        const DeviceArray<Device> feature(device, queue, channels, pixels),
+            alpha(device, queue, 1, pixels);
+        DeviceFrame<Device> frame(device);
+        frame.for_vjp = false;
+        do
+            r.forward_into(queue, cloud.view(), s.camera, bg.buffer.data(),
+                           {feature.view(), alpha.view()}, frame);
+        while (!frame.finish(queue));
+        return Drawn{feature.get(), alpha.get()};
+    };
+    const double unit = 1.0 / 2048, visits = static_cast<double>(s.gaussians.count());
+    const auto bound = [&](double largest) {
+        const double of_halves = channels > 4 ? 2 * unit + unit * unit : unit;
+        return largest * (of_halves + visits / (1 << 24) / 2 + 5e-5);
+    };
+    const auto within = [&](double most, double largest) {
+        CHECK(most < bound(largest));
+        CHECK(most > bound(largest) / 50);
+        MESSAGE(channels << " channels, largest error " << most << ", bound " << bound(largest));
+    };
+    const Drawn found = drawn(WithHalves<A>());
+    const VecX<double> background = s.background.template cast<double>();
+    const auto truth = Rasterizer<FeaturesOnly<Exact64>>{}.forward(
+        ScalarBackend<Serial>{}, converted<double>(s.gaussians), s.camera.template cast<double>(),
+        background);
+    const double largest = static_cast<double>(s.gaussians.feature.cwiseAbs().maxCoeff());
+    within((found.feature.template cast<double>() - truth.feature.pixels.template cast<double>())
+               .cwiseAbs()
+               .maxCoeff(),
+           largest);
+    CHECK(found.alpha == drawn(A()).alpha);
+    // What halves cannot hold: as large as can be, or nothing.
+    s.gaussians.feature *= 1e-9F;
+    const double tiny = static_cast<double>(drawn(WithHalves<A>()).feature.cwiseAbs().maxCoeff());
+    CHECK(tiny <= static_cast<double>(s.background.cwiseAbs().maxCoeff()) * 1.001);
+    s.gaussians.feature.setConstant(1e9F);
+    const Columns<float> huge = drawn(WithHalves<A>()).feature;
+    CHECK(huge.allFinite());
+    CHECK(huge.maxCoeff() > 60000.0F);
+    CHECK(huge.maxCoeff() < 66000.0F);
+    DeviceFrame<Device> frame(device);
+    const DeviceRasterizer<WithHalves<A>, Device, Kernels> rasterizer{};
+    const DeviceCloud<Device> cloud(device, queue, s.gaussians);
+    const DeviceArray<Device> to(device, queue, channels, pixels), alpha(device, queue, 1, pixels);
+    CHECK_FAULT(rasterizer.forward_into(queue, cloud.view(), s.camera, bg.buffer.data(),
+                                        {to.view(), alpha.view()}, frame),
+                "expected one without: features are halves");
+}
+
 template <class Device>
 void bad_input(const Device& device, const CudaQueue& queue) {
     using A = Balanced;

@@ -50,6 +50,31 @@ TEST_CASE("cuda, emulated: a frame without a vjp") {
     without_vjp<KernelChannels<16>>(EmulatedDevice{}, host_queue, 16);
 }
 
+TEST_CASE("cuda, emulated: features as halves") {
+    halves_drawn<Three>(EmulatedDevice{}, host_queue, 3);
+    halves_drawn<KernelChannels<4>>(EmulatedDevice{PhaseOrder::shuffled}, host_queue, 2);
+    halves_drawn<KernelChannels<16>>(EmulatedDevice{}, host_queue, 16);
+    halves_drawn<KernelChannels<8>>(EmulatedDevice{PhaseOrder::shuffled}, host_queue, 11);
+}
+
+TEST_CASE("cuda, emulated: every half") {
+    using H = detail::HostHalves;
+    for (std::uint32_t h = 0; h < 0x10000U; ++h)
+        if ((h & 0x7C00U) != 0x7C00U) {
+            REQUIRE(H::half(H::whole(h)) == h);
+            const float step = H::whole((h + 1) & 0x7FFFU) - H::whole(h & 0x7FFFU);
+            if (h + 1 < 0x7C00U) {
+                REQUIRE(H::half(H::whole(h) + 0.49F * step) == h);
+                REQUIRE(H::half(H::whole(h) + 0.51F * step) == h + 1);
+                REQUIRE(H::half(H::whole(h) + 0.5F * step) == h + (h & 1U));
+            }
+        }
+    CHECK(H::half(1e9F) == 0x7BFFU);
+    CHECK(H::half(-65520.0F) == 0xFBFFU);
+    CHECK(H::half(1e-9F) == 0U);
+    CHECK(H::half(1.0F) == 0x3C00U);
+}
+
 TEST_CASE("cuda, emulated: rules") {
     against<float, Three>(EmulatedDevice{}, host_queue, random_scene<float>(200, 3, 5),
                           Compatible3dgsFloor());

@@ -32,6 +32,12 @@ enum class Support { ellipse, square };
 /// second is the better model where Gaussians cross; it has plain loops only, on every backend.
 enum class BlendOrder { by_centre, by_peak };
 
+/// What a device's render reads of a Gaussian's features: floats; or halves (binary16), whose
+/// products are of halves too, in renders that keep nothing for a derivative. Halves change a pixel
+/// by at most 2^-10 of the largest feature and 2^-23 of it a visit; features beyond 65504 are as
+/// 65504. The host reads floats.
+enum class Payload { whole, half };
+
 /// Treatment of a Gaussian with a NaN or an infinity. cull: leave it out and count it; fail: throw;
 /// trust: skip the check. If there is one despite the trust, no memory is misused, but pixels and
 /// gradients may be NaN.
@@ -57,6 +63,7 @@ struct Balanced {
     static constexpr int depth_bits = 32;
     static constexpr bool has_floor = false;
     static constexpr Outputs outputs = {};
+    static constexpr Payload payload = Payload::whole;
     /// Degree of the polynomial in lanes, 3 to 6; 0 is the library's exp2.
     static constexpr int exp2_degree = 5;
 };
@@ -122,6 +129,13 @@ struct Compatible3dgsFloor : Compatible3dgs {
     static constexpr bool has_floor = true;
 };
 
+/// Policy A with features as halves.
+template <class A>
+struct WithHalves : A {
+    RYE_HD constexpr WithHalves(const A& a = {}) : A(a) {}
+    static constexpr Payload payload = Payload::half;
+};
+
 /// Has every member of Balanced. A policy of one's own derives from Balanced and states only what
 /// differs: numbers in its constructor, rules as constants of the class. Numbers can be set on a
 /// value too, as `Rasterizer<Draft> r; r.accuracy.stop = 0`. The compiler names the first member
@@ -158,8 +172,10 @@ concept AccuracyPolicy = std::copyable<A> && std::default_initializable<A> && re
 } && requires {
     typename std::integral_constant<Outputs, A::outputs>;
 } && requires {
+    typename std::integral_constant<Payload, A::payload>;
+} && requires {
     typename std::integral_constant<int, A::exp2_degree>;
-} && (A::exp2_degree == 0 || (A::exp2_degree >= 3 && A::exp2_degree <= 6));
+} &&(A::exp2_degree == 0 || (A::exp2_degree >= 3 && A::exp2_degree <= 6));
 
 /// Returns the variance that is added along both axes of the screen [px^2].
 template <AccuracyPolicy A>

@@ -5,6 +5,7 @@
 /// the visits of every group and the transmittance in front of them.
 #pragma once
 
+#include <rye/backend/cuda/halves.hpp>
 #include <rye/splat/cuda/nearest.hpp>
 #include <rye/splat/cuda/products.hpp>
 #include <rye/splat/cuda/strip_output.hpp>
@@ -31,7 +32,11 @@ struct BlendKernel {
     static constexpr bool admits_next = true, waits_on_device = true;
     static constexpr int threads = 128, blocks = Layout::products ? 3 : 4;
     static constexpr int N = planes_of<A>;
-    using Found = FoundVisits<!Layout::products, A::outputs.contributor>;
+    static constexpr bool halves = A::payload == Payload::half,
+                          in_record = features_in_records<A, C>;
+    static_assert(!in_record || (!A::outputs.depth && !A::has_floor),
+                  "features as halves, of up to 4 channels, leave no room for depth and floor");
+    using Found = FoundVisits<!Layout::products && !in_record, A::outputs.contributor>;
     /// Shared memory of a block.
     struct Shared {
         NearestKeys nearest;
@@ -164,7 +169,7 @@ struct BlendKernel {
                             Array<F, 4>{{splat.u0, splat.ux, splat.v0, splat.vx}});
             W::write4_where(visited, found.shape, to,
                             Array<F, 4>{{splat.vy, splat.log2_opacity, splat.depth, splat.floor}});
-            if constexpr (!Layout::products) {
+            if constexpr (!Layout::products && !in_record) {
                 const U stride(static_cast<std::uint32_t>(scene.feature.rows));
                 Array<F, 4> colour;
                 expanded<4>([&](auto c) {
@@ -206,7 +211,8 @@ struct BlendKernel {
         const Array<F, 4> zero{{F(0.0F), F(0.0F), F(0.0F), F(0.0F)}};
         W::write4_where(idle, found.place, to, zero);
         W::write4_where(idle, found.shape, to, Array<F, 4>{{F(0.0F), F(-1e30F), F(0.0F), F(0.0F)}});
-        if constexpr (!Layout::products) W::write4_where(idle, found.colour, to, zero);
+        if constexpr (!Layout::products && !in_record)
+            W::write4_where(idle, found.colour, to, zero);
         W::write_where(idle, found.owner, to, U(none_of));
         W::sync();
         group<W>(found, s, pixels);
@@ -255,6 +261,7 @@ struct BlendKernel {
         const std::uint32_t at = s.done % Found::capacity;
         if (memory.groups > 0) keep<W>(found, s, at);
         const U first = U(at) + W::lane() % U(4) * U(4);
+        [[maybe_unused]] F features[4][2]; // of a record
         const Visits<W, A> v(
             [&](auto i) {
                 const Array<F, 4> place = W::read4(found.place, first + U(i));
@@ -262,10 +269,11 @@ struct BlendKernel {
                 TileSplat<W> r;
                 r.u0 = place[0], r.ux = place[1], r.v0 = place[2], r.vx = place[3];
                 r.vy = shape[0], r.log2_opacity = shape[1], r.depth = shape[2], r.floor = shape[3];
+                if constexpr (in_record) features[i][0] = shape[2], features[i][1] = shape[3];
                 return r;
             },
             pixels.x, pixels.y, accuracy);
-        rows<W>(found, s, v, rules, first);
+        rows<W>(found, s, v, rules, first, features);
         auto open = rules.one_visit.open(s.transmittance[0]);
         repeated<7>([&](auto j) { open = open || rules.one_visit.open(s.transmittance[j + 1]); });
         s.open = W::any(open);
@@ -274,7 +282,8 @@ struct BlendKernel {
     /// Blends a group's visits into all rows of the strip by the rules `by`.
     template <class W, class Rules>
     RYE_DEVICE void rows([[maybe_unused]] const Found& found, StripSums<W, A, C>& s,
-                         const Visits<W, A>& v, const Rules& by, const typename W::U& first) const {
+                         const Visits<W, A>& v, const Rules& by, const typename W::U& first,
+                         [[maybe_unused]] const typename W::F (&of_records)[4][2]) const {
         using F = typename W::F;
         using U = typename W::U;
         const auto row = [&](auto j) {
@@ -293,7 +302,26 @@ struct BlendKernel {
                 });
             return t;
         };
-        if constexpr (Layout::products) {
+        if constexpr (Layout::products && halves) {
+            U owner[4];
+            repeated<4>([&](auto i) { owner[i] = W::read(found.owner, first + U(i)); });
+            Array<U, 2> features[std::size_t(C / 8)];
+            repeated<C / 8>([&](auto n) {
+                F x[4];
+                read_features<W>(x, scene, owner, n);
+                features[n] = {{pack_halves<W>(x[0], x[1]), pack_halves<W>(x[2], x[3])}};
+            });
+            expanded<4>([&](auto m) {
+                const Taken<W> a = row(Constant<2 * m>{});
+                const Taken<W> b = row(Constant<2 * m + 1>{});
+                const auto pair = [](const Taken<W>& t, int i) {
+                    return pack_halves<W>(t.visit[i].weight, t.visit[i + 1].weight);
+                };
+                const Array<U, 4> weights{{pair(a, 0), pair(b, 0), pair(a, 2), pair(b, 2)}};
+                repeated<C / 8>(
+                    [&](auto n) { multiply_halves<W>(s.sums[m][n], weights, features[n]); });
+            });
+        } else if constexpr (Layout::products) {
             U owner[4];
             repeated<4>([&](auto i) { owner[i] = W::read(found.owner, first + U(i)); });
             Planes<W, N, 2> features[std::size_t(C / 8)];
@@ -312,7 +340,15 @@ struct BlendKernel {
             });
         } else {
             Array<F, 4> colour[4];
-            repeated<4>([&](auto i) { colour[i] = W::read4(found.colour, first + U(i)); });
+            repeated<4>([&](auto i) {
+                if constexpr (in_record) {
+                    const U low = bits_of<W>(of_records[i][0]), high = bits_of<W>(of_records[i][1]);
+                    colour[i] = {{low_half<W>(low), high_half<W>(low), low_half<W>(high),
+                                  high_half<W>(high)}};
+                } else {
+                    colour[i] = W::read4(found.colour, first + U(i));
+                }
+            });
             repeated<8>([&](auto j) {
                 const Taken<W> t = row(j);
                 repeated<C>([&](auto c) {

@@ -17,22 +17,29 @@ RYE_DEVICE typename W::U visit_at(const typename W::U& p) {
     return p % U(8) / U(2) * U(4) + p % U(2) + select(p < U(8), U(0), U(2));
 }
 
-/// Returns the features of a group's visits as the right operand of products over visits (K) for
-/// channels (N): 8 of them. owner[i]: the Gaussian of the lane's visit i, or none_of.
-template <class W, int N>
-RYE_DEVICE Planes<W, N, 2> features_over_visits(const DeviceScene& scene,
-                                                const typename W::U (&owner)[4], int eight) {
-    using F = typename W::F;
+/// Reads features of a group's visits: x[i] of the lane's visit i, whose Gaussian is owner[i], or
+/// none_of, and of the lane's channel among the eight.
+template <class W>
+RYE_DEVICE void read_features(typename W::F (&x)[4], const DeviceScene& scene,
+                              const typename W::U (&owner)[4], int eight) {
     using U = typename W::U;
     const U channel = W::lane() / U(4) + U(static_cast<std::uint32_t>(8 * eight));
     const auto drawn = channel < U(static_cast<std::uint32_t>(scene.channels));
     const U stride(static_cast<std::uint32_t>(scene.feature.rows));
     const float* const from = scene.feature.data + scene.first_channel;
-    F x[4];
     repeated<4>([&](auto i) {
         x[i] =
             W::read_where(drawn && owner[i] < U(none_of), from, owner[i] * stride + channel, 0.0F);
     });
+}
+
+/// Returns the features of a group's visits as the right operand of products over visits (K) for
+/// channels (N): 8 of them.
+template <class W, int N>
+RYE_DEVICE Planes<W, N, 2> features_over_visits(const DeviceScene& scene,
+                                                const typename W::U (&owner)[4], int eight) {
+    typename W::F x[4];
+    read_features<W>(x, scene, owner, eight);
     Planes<W, N, 2> r;
     split<W, N>(r, 0, x[0], x[1]);
     split<W, N>(r, 1, x[2], x[3]);
