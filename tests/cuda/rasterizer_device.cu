@@ -61,6 +61,11 @@ TEST_CASE("device: tall Gaussians") {
     lists_equal<Balanced>(CudaDevice(), queue(), tall(1000, 3));
     against<double, Three>(CudaDevice(), queue(), tall(200, 3), Balanced());
 }
+TEST_CASE("device: features as halves") {
+    halves_drawn<Three>(CudaDevice(), queue(), 3);
+    halves_drawn<KernelChannels<16>>(CudaDevice(), queue(), 16);
+    halves_drawn<KernelChannels<32>>(CudaDevice(), queue(), 27);
+}
 TEST_CASE("device: a frame without a vjp") {
     without_vjp<Three>(CudaDevice(), queue(), 3);
     without_vjp<KernelChannels<32>>(CudaDevice(), queue(), 32);

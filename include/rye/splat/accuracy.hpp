@@ -32,10 +32,10 @@ enum class Support { ellipse, square };
 /// second is the better model where Gaussians cross; it has plain loops only, on every backend.
 enum class BlendOrder { by_centre, by_peak };
 
-/// What a device's render reads of a Gaussian's features: floats; or halves (binary16), whose
-/// products are of halves too, in renders that keep nothing for a derivative. Halves change a pixel
-/// by at most 2^-10 of the largest feature and 2^-23 of it a visit; features beyond 65504 are as
-/// 65504. The host reads floats.
+/// What a device's render makes of a Gaussian's features: floats; or, of 5 channels and more,
+/// halves (binary16), in renders that keep nothing for a derivative. Halves of features and of
+/// weights change a pixel by at most 2^-10 of the largest feature and 2^-25 of it a visit; features
+/// beyond 65504 are as 65504. Up to 4 channels, and the host, have floats.
 enum class Payload { whole, half };
 
 /// Treatment of a Gaussian with a NaN or an infinity. cull: leave it out and count it; fail: throw;

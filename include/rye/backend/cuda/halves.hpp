@@ -71,32 +71,6 @@ RYE_DEVICE typename W::U pack_halves(const typename W::F& a, const typename W::F
     else
         return W::U::each([&](int l) { return halves_of(a.x[l], b.x[l]); });
 }
-/// Returns the bits of each lane's number.
-template <class W>
-RYE_DEVICE typename W::U bits_of(const typename W::F& x) {
-    if constexpr (detail::lane_is_number<W>)
-        return std::bit_cast<std::uint32_t>(x);
-    else
-        return W::U::each([&](int l) { return std::bit_cast<std::uint32_t>(x.x[l]); });
-}
-/// Return the number of the low half, or of the high one.
-template <class W>
-RYE_DEVICE typename W::F low_half(const typename W::U& w) {
-    typename W::F r;
-    if constexpr (detail::lane_is_number<W>) {
-#if defined(__CUDACC__)
-        asm("{ .reg .f16 l, h; mov.b32 {l, h}, %1; cvt.f32.f16 %0, l; }" : "=f"(r) : "r"(w));
-#endif
-    } else {
-        r = W::F::each([&](int l) { return detail::HostHalves::whole(w.x[l] & 0xFFFFU); });
-    }
-    return r;
-}
-template <class W>
-RYE_DEVICE typename W::F high_half(const typename W::U& w) {
-    return low_half<W>(typename W::U(w >> 16U));
-}
-
 /// d += a b, of 16 x 16 and 16 x 8 halves.
 template <class W>
 RYE_DEVICE void multiply_halves(Array<typename W::F, 4>& d, const Array<typename W::U, 4>& a,

@@ -30,13 +30,10 @@ struct BlendKernel {
     using Layout = ChannelLayout<C>;
     static constexpr const char* name = "blend";
     static constexpr bool admits_next = true, waits_on_device = true;
-    static constexpr int threads = 128, blocks = Layout::products ? 3 : 4;
+    static constexpr bool halves = Layout::products && A::payload == Payload::half;
+    static constexpr int threads = 128, blocks = Layout::products && !halves ? 3 : 4;
     static constexpr int N = planes_of<A>;
-    static constexpr bool halves = A::payload == Payload::half,
-                          in_record = features_in_records<A, C>;
-    static_assert(!in_record || (!A::outputs.depth && !A::has_floor),
-                  "features as halves, of up to 4 channels, leave no room for depth and floor");
-    using Found = FoundVisits<!Layout::products && !in_record, A::outputs.contributor>;
+    using Found = FoundVisits<!Layout::products, A::outputs.contributor>;
     /// Shared memory of a block.
     struct Shared {
         NearestKeys nearest;
@@ -169,7 +166,7 @@ struct BlendKernel {
                             Array<F, 4>{{splat.u0, splat.ux, splat.v0, splat.vx}});
             W::write4_where(visited, found.shape, to,
                             Array<F, 4>{{splat.vy, splat.log2_opacity, splat.depth, splat.floor}});
-            if constexpr (!Layout::products && !in_record) {
+            if constexpr (!Layout::products) {
                 const U stride(static_cast<std::uint32_t>(scene.feature.rows));
                 Array<F, 4> colour;
                 expanded<4>([&](auto c) {
@@ -211,8 +208,7 @@ struct BlendKernel {
         const Array<F, 4> zero{{F(0.0F), F(0.0F), F(0.0F), F(0.0F)}};
         W::write4_where(idle, found.place, to, zero);
         W::write4_where(idle, found.shape, to, Array<F, 4>{{F(0.0F), F(-1e30F), F(0.0F), F(0.0F)}});
-        if constexpr (!Layout::products && !in_record)
-            W::write4_where(idle, found.colour, to, zero);
+        if constexpr (!Layout::products) W::write4_where(idle, found.colour, to, zero);
         W::write_where(idle, found.owner, to, U(none_of));
         W::sync();
         group<W>(found, s, pixels);
@@ -261,7 +257,6 @@ struct BlendKernel {
         const std::uint32_t at = s.done % Found::capacity;
         if (memory.groups > 0) keep<W>(found, s, at);
         const U first = U(at) + W::lane() % U(4) * U(4);
-        [[maybe_unused]] F features[4][2]; // of a record
         const Visits<W, A> v(
             [&](auto i) {
                 const Array<F, 4> place = W::read4(found.place, first + U(i));
@@ -269,11 +264,10 @@ struct BlendKernel {
                 TileSplat<W> r;
                 r.u0 = place[0], r.ux = place[1], r.v0 = place[2], r.vx = place[3];
                 r.vy = shape[0], r.log2_opacity = shape[1], r.depth = shape[2], r.floor = shape[3];
-                if constexpr (in_record) features[i][0] = shape[2], features[i][1] = shape[3];
                 return r;
             },
             pixels.x, pixels.y, accuracy);
-        rows<W>(found, s, v, rules, first, features);
+        rows<W>(found, s, v, rules, first);
         auto open = rules.one_visit.open(s.transmittance[0]);
         repeated<7>([&](auto j) { open = open || rules.one_visit.open(s.transmittance[j + 1]); });
         s.open = W::any(open);
@@ -282,8 +276,7 @@ struct BlendKernel {
     /// Blends a group's visits into all rows of the strip by the rules `by`.
     template <class W, class Rules>
     RYE_DEVICE void rows([[maybe_unused]] const Found& found, StripSums<W, A, C>& s,
-                         const Visits<W, A>& v, const Rules& by, const typename W::U& first,
-                         [[maybe_unused]] const typename W::F (&of_records)[4][2]) const {
+                         const Visits<W, A>& v, const Rules& by, const typename W::U& first) const {
         using F = typename W::F;
         using U = typename W::U;
         const auto row = [&](auto j) {
@@ -302,7 +295,7 @@ struct BlendKernel {
                 });
             return t;
         };
-        if constexpr (Layout::products && halves) {
+        if constexpr (halves) {
             U owner[4];
             repeated<4>([&](auto i) { owner[i] = W::read(found.owner, first + U(i)); });
             Array<U, 2> features[std::size_t(C / 8)];
@@ -340,15 +333,7 @@ struct BlendKernel {
             });
         } else {
             Array<F, 4> colour[4];
-            repeated<4>([&](auto i) {
-                if constexpr (in_record) {
-                    const U low = bits_of<W>(of_records[i][0]), high = bits_of<W>(of_records[i][1]);
-                    colour[i] = {{low_half<W>(low), high_half<W>(low), low_half<W>(high),
-                                  high_half<W>(high)}};
-                } else {
-                    colour[i] = W::read4(found.colour, first + U(i));
-                }
-            });
+            repeated<4>([&](auto i) { colour[i] = W::read4(found.colour, first + U(i)); });
             repeated<8>([&](auto j) {
                 const Taken<W> t = row(j);
                 repeated<C>([&](auto c) {

@@ -4,7 +4,6 @@
 /// decided: the list is sorted when it is drawn, by unique keys.
 #pragma once
 
-#include <rye/backend/cuda/halves.hpp>
 #include <rye/splat/cuda/block_tiles.hpp>
 #include <rye/splat/cuda/lens.hpp>
 
@@ -148,8 +147,6 @@ struct ProjectKernel {
         if (!(rows.begin < rows.end && width > 0)) return 0;
         memory.record[i] = {{splat.x, splat.y, splat.ux, splat.vx},
                             {splat.vy, splat.log2_opacity, splat.depth, splat.floor}};
-        if constexpr (A::payload == Payload::half)
-            if (g.channels() <= 4) put_features(i, memory.record[i].shape);
         const int first = rows.begin / tile_edge;
         const int last = (rows.end + tile_edge - 1) / tile_edge;
         spans.first = static_cast<std::uint16_t>(first);
@@ -166,15 +163,6 @@ struct ProjectKernel {
             spans.end[y - first] = static_cast<std::uint16_t>(x.end);
         }
         return places;
-    }
-
-    /// Up to four features as halves.
-    RYE_DEVICE void put_features(std::uint32_t i, Quad4& shape) const {
-        const auto channels = static_cast<int>(g.channels());
-        const float* const x = g.feature.data + Index(i) * channels;
-        const auto of = [&](int c) { return c < channels ? x[c] : 0.0F; };
-        shape.z = std::bit_cast<float>(halves_of(of(0), of(1)));
-        shape.w = std::bit_cast<float>(halves_of(of(2), of(3)));
     }
 
   public:

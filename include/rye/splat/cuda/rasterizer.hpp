@@ -172,14 +172,8 @@ struct DeviceRasterizer {
               const DeviceImages& images, Frame& frame) const {
         check(g, camera, images);
         detail::check_alpha_min<float>(accuracy);
-        if constexpr (A::payload == Payload::half) {
-            require(!frame.for_vjp, "rasterizer",
-                    "got a frame for a vjp, expected one without: features are halves");
-            Kernels::with(g.channels(), [&](auto C) {
-                require(C() > 4 || g.channels() <= C(), "rasterizer", "got ", g.channels(),
-                        " channels, expected kernels for as many: features are halves");
-            });
-        }
+        require(A::payload == Payload::whole || !frame.for_vjp, "rasterizer",
+                "got a frame for a vjp, expected one without: features are halves");
         Kernels::with(g.channels(), [&](auto C) {
             frame.shape(queue, g.count(), camera.width, camera.height,
                         detail::ChannelLayout<C()>::stride);

@@ -6,7 +6,6 @@
 
 #include <rye/backend/cuda.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
-#include <rye/splat/accuracy.hpp>
 #include <rye/splat/cuda/gaussians.hpp>
 #include <rye/splat/footprint.hpp>
 
@@ -31,8 +30,7 @@ inline constexpr std::uint32_t none_of = 0xFFFFFFFF; ///< no group, no Gaussian
 
 namespace detail {
 
-/// A visible Gaussian as pixels see it: Splat without what follows from the policy. By
-/// Payload::half up to four features, as halves, are in the places of depth and floor.
+/// A visible Gaussian as pixels see it: Splat without what follows from the policy.
 struct SplatRecord {
     Quad4 place; ///< x, y [px], ux, vx
     Quad4 shape; ///< vy, log2 o, depth, floor
@@ -139,11 +137,6 @@ struct ChannelLayout {
     static constexpr int stride = (head + C + 3) / 4 * 4; ///< numbers in a slot
     static_assert(C >= 1 && (C <= 4 || C % 8 == 0) && C <= 32);
 };
-
-/// True if kernels of C channels find the features in the records.
-template <class A, int C>
-inline constexpr bool features_in_records =
-    A::payload == Payload::half && !ChannelLayout<C>::products;
 
 } // namespace detail
 
