@@ -20,7 +20,10 @@ const void* const kernels[] = {
     kernel<detail::MlpGroupReverseKernel<Tiles<128, 32>, LeakyRelu>>(),
     kernel<detail::MlpGroupReverseKernel<Tiles<128, 64>, LeakyRelu>>(),
     kernel<detail::MlpGroupReverseKernel<Tiles<256, 128>, LeakyRelu>>(),
+    kernel<detail::MlpGroupForwardKernel<Tiles<256, 64>, LeakyRelu, true>>(),
+    kernel<detail::MlpGroupReverseKernel<Tiles<256, 64>, LeakyRelu, true>>(),
     kernel<detail::MlpGroupWeightKernel<Tiles<128, 64>>>(),
     kernel<detail::MlpGroupWeightKernel<Tiles<256, 128>>>(),
+    kernel<detail::MlpGroupWeightKernel<Tiles<256, 64>>>(),
     kernel<detail::MlpGroupMergeKernel>(),
     kernel<detail::MlpGroupPackKernel>()};

@@ -45,6 +45,19 @@ TEST_CASE("cuda, emulated: networks by groups are the host's") {
                                             {{{136, 256, 256, 28}, 8}, 300, 1e-2, 0.1});
     mlp_against_host<MlpTiles<1, 256, 64>>(device, host_queue, {{{51, 256, 5}, 3}, 65, 1e-2, 0.1});
 }
+TEST_CASE("cuda, emulated: networks by groups whose operands pass through shared memory") {
+    for (const auto order : phase_orders) // rounds in which a group has no points
+        mlp_against_host<MlpTiles<1, 256, 64>>(
+            EmulatedDevice{order, 2}, host_queue,
+            {{{35, 256, 256, 256, 256, 256, 3}, 8}, 300, 1e-2, 0.1});
+    const EmulatedDevice device{PhaseOrder::shuffled, 3};
+    mlp_against_host<MlpTiles<1, 256, 128>>(device, host_queue,
+                                            {{{136, 256, 256, 256, 28}, 8}, 130, 1e-2, 0.1});
+    mlp_against_host<MlpTiles<1, 256, 32>>(
+        device, host_queue, {{{9, 256, 256, 256, 4}, 0, MlpShape::no_skip}, 1, 1e-2, 0.1});
+    mlp_against_host<MlpTiles<1, 256, 32>>(device, host_queue,
+                                           {{{9, 256, 256, 256, 4}, 2}, 0, 1e-2, 0.1});
+}
 TEST_CASE("cuda, emulated: shapes that groups have kernels for") {
     const auto by_groups = [](const EmulatedDevice& device, const MlpShape& s) {
         return DeviceMlp<EmulatedDevice, MlpTiles<1, 128, 64>>(device, s).by_groups();
@@ -56,6 +69,11 @@ TEST_CASE("cuda, emulated: shapes that groups have kernels for") {
     CHECK(!by_groups(groups, {{128, 128, 128, 33}, 64}));
     CHECK(!by_groups(groups, {{64, 16}, 0}));
     CHECK(!by_groups(groups, {{91, 128, 128, 128, 128, 128, 128, 128, 3}, 64}));
+    const auto wide = [&](const MlpShape& s) {
+        return DeviceMlp<EmulatedDevice, MlpTiles<1, 256, 64>>(groups, s).by_groups();
+    };
+    CHECK(wide({{91, 256, 256, 256, 256, 256, 3}, 64}));
+    CHECK(!wide({{91, 256, 256, 128, 256, 256, 3}, 64}));
     using Two = DeviceMlp<EmulatedDevice, MlpTiles<2, 128, 64>>;
     CHECK(!Two(groups, {{128, 128, 128, 16}, 64}).by_groups());
 }

@@ -2,34 +2,27 @@
 /// rye/nn/cuda/mlp_group_kernels.hpp: 64 points of a warpgroup through all layers of a network,
 /// forward and back, with what passes from layer to layer in registers: sums of a product are laid
 /// out as the left operand of the next one. All operands stay in shared memory, and groups take
-/// tile after tile of points, none waiting for another.
+/// tile after tile of points, none waiting for another; or, with `streamed`, operands pass through.
 #pragma once
 
-#include <rye/backend/cuda/ring_memory.hpp>
-#include <rye/nn/cuda/mlp_group_operands.hpp>
+#include <rye/nn/cuda/mlp_group_stream.hpp>
 
 namespace rye::detail {
 
-/// A block's shared memory.
-template <class Tiles>
-struct MlpGroupShared {
-    float bias[std::size_t(Tiles::most_layers)][std::size_t(Tiles::width)];
-    RingMemory<1, Tiles::bytes> operands;
-};
-
 /// All layers, forward; `grid` blocks share the tiles.
-template <class Tiles, class A>
+template <class Tiles, class A, bool streamed = false>
 struct MlpGroupForwardKernel {
     static constexpr const char* name = "network, forward";
     static constexpr bool of_groups = true;
     static constexpr int threads = 128 * Tiles::groups, blocks = 1;
     static constexpr int width = Tiles::width, steps = width / 16, in_steps = Tiles::inputs / 16;
-    using Shared = MlpGroupShared<Tiles>;
+    using Shared = MlpGroupShared<Tiles, streamed>;
     MlpGroupNetwork network;
     DeviceColumns<const float> points; ///< inputs x N
     DeviceColumns<float> out;          ///< outputs x N
     bool keep;                         ///< what a vjp reads
     int grid;
+    MlpGroupPieces pieces;
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
@@ -40,23 +33,24 @@ struct MlpGroupForwardKernel {
                 shared.bias[i / width][i % width] =
                     i < (network.layers - 1) * width + network.out ? network.bias[i] : 0.0F;
         });
-        const auto piece = [&](int, const auto& copy) { copy(0, network.forward, network.bytes); };
         const std::uint32_t count = network.of.among(network.points);
-        const auto apart = static_cast<std::uint32_t>(grid * Tiles::groups);
+        const int first = block.index() * Tiles::groups, apart = grid * Tiles::groups;
         block.each_warp([&](int w) {
-            const RingPlace<decltype(shared.operands)> all;
-            if (w == 0) W::fill(shared.operands, all, piece);
-            const unsigned char* const operands = W::take(shared.operands, all, piece);
-            for (auto tile = static_cast<std::uint32_t>(block.index() * Tiles::groups + w / 4);
-                 64 * tile < count; tile += apart)
-                run<W>(shared, operands, {tile, count, w}, w);
+            each_round<W, Tiles, streamed>(
+                shared.operands, pieces, network.forward, network.bytes,
+                rounds_of(count, first, apart), w, [&](auto& source, int r) {
+                    const auto tile = static_cast<std::uint32_t>(first + r * apart + w / 4);
+                    if (64 * tile < count)
+                        run<W>(shared, source, {tile, count, w}, w);
+                    else if constexpr (streamed)
+                        source.skip();
+                });
         });
     }
 
   private:
-    template <class W>
-    RYE_DEVICE void run(const Shared& shared, const unsigned char* operand,
-                        const GroupPlace<W>& place, int w) const {
+    template <class W, class Source>
+    RYE_DEVICE void run(Shared& shared, Source& source, const GroupPlace<W>& place, int w) const {
         using F = typename W::F;
         GroupRows<W, in_steps> in;
         GroupRows<W, steps> rows, next;
@@ -66,19 +60,30 @@ struct MlpGroupForwardKernel {
                 constexpr int s = decltype(i)::value / 4, r = decltype(i)::value % 4;
                 place.template write<2 * in_steps>(network.input, 2 * s + r / 2, r % 2, in[s][r]);
             });
-        for (int l = 0; l + 1 < network.layers; ++l) {
+        if constexpr (streamed)
+            expanded<4 * in_steps>([&](auto i) {
+                W::write_word(&shared.input[i][0], own_thread<W>(w),
+                              in[decltype(i)::value / 4][decltype(i)::value % 4]);
+            });
+        const auto layer = [&](int l, const auto& products) {
             expanded<Tiles::pieces>([&](auto p) {
                 constexpr int piece = decltype(p)::value;
                 Array<F, 64> sum;
                 begin<W>(sum, &shared.bias[l][128 * piece], place);
-                operand = product<W>(sum, l, rows, in, operand);
+                products(sum);
                 activate<W>(sum, next, l, piece, place, w);
             });
             rows = next;
-        }
+        };
+        int l = 0;
+        if constexpr (streamed)
+            layer(l++,
+                  [&](auto& sum) { multiply_streamed<W, 128, true, in_steps>(sum, in, source); });
+        for (; l + 1 < network.layers; ++l)
+            layer(l, [&](auto& sum) { product<W>(sum, l, rows, in, shared, w, source); });
         Array<F, std::size_t(Tiles::last / 2)> sum;
         begin<W>(sum, &shared.bias[network.layers - 1][0], place);
-        product<W>(sum, network.layers - 1, rows, in, operand);
+        product<W>(sum, network.layers - 1, rows, in, shared, w, source);
         finish<W>(sum, place);
     }
     /// Sums begin as biases.
@@ -90,29 +95,47 @@ struct MlpGroupForwardKernel {
             repeated<4>([&](auto k) { sum[4 * j + k] = b[k % 2]; });
         });
     }
-    /// Returns the operand behind the layer's.
+    template <class W>
+    RYE_DEVICE static typename W::U own_thread(int w) {
+        return typename W::U(static_cast<std::uint32_t>(32 * w)) + W::lane();
+    }
+    template <class W, std::size_t count, int slots>
+    RYE_DEVICE void product(Array<typename W::F, count>& sum, int l,
+                            const GroupRows<W, steps>& rows, const GroupRows<W, in_steps>&,
+                            const Shared& shared, int w, MlpGroupStream<W, slots>& stream) const {
+        constexpr int n = 2 * int(count);
+        multiply_streamed<W, n, true, steps>(sum, rows, stream);
+        if (!network.takes(l)) return;
+        GroupRows<W, in_steps> in; // there are no registers to keep them
+        expanded<4 * in_steps>([&](auto i) {
+            in[decltype(i)::value / 4][decltype(i)::value % 4] =
+                W::read(&shared.input[i][0], own_thread<W>(w));
+        });
+        multiply_streamed<W, n, true, in_steps>(sum, in, stream);
+    }
+    /// Leaves the operand behind the layer's.
     template <class W, std::size_t count>
-    RYE_DEVICE const unsigned char* product(Array<typename W::F, count>& sum, int l,
-                                            const GroupRows<W, steps>& rows,
-                                            const GroupRows<W, in_steps>& in,
-                                            const unsigned char* operand) const {
+    RYE_DEVICE void product(Array<typename W::F, count>& sum, int l,
+                            const GroupRows<W, steps>& rows, const GroupRows<W, in_steps>& in,
+                            const Shared&, int, const unsigned char*& operand) const {
         // Batches of products end in the branch that begins them: else units of matrices wait.
         constexpr int n = 2 * int(count);
         constexpr int of_rows = 2 * width * n, of_input = 2 * Tiles::inputs * n;
         const bool input = network.takes(l);
+        const unsigned char* const at = operand;
         if (l == 0) {
-            batch<W>(sum, [&] { multiply_group<W, n, true, in_steps>(sum, in, operand); });
-            return operand + of_input;
+            batch<W>(sum, [&] { multiply_group<W, n, true, in_steps>(sum, in, at); });
+            operand += of_input;
+        } else if (!input) {
+            batch<W>(sum, [&] { multiply_group<W, n, true, steps>(sum, rows, at); });
+            operand += of_rows;
+        } else {
+            batch<W>(sum, [&] {
+                multiply_group<W, n, true, steps>(sum, rows, at);
+                multiply_group<W, n, true, in_steps>(sum, in, at + of_rows);
+            });
+            operand += of_rows + of_input;
         }
-        if (!input) {
-            batch<W>(sum, [&] { multiply_group<W, n, true, steps>(sum, rows, operand); });
-            return operand + of_rows;
-        }
-        batch<W>(sum, [&] {
-            multiply_group<W, n, true, steps>(sum, rows, operand);
-            multiply_group<W, n, true, in_steps>(sum, in, operand + of_rows);
-        });
-        return operand + of_rows + of_input;
     }
     /// A::value, which is the larger of x and what it is for x < 0, in fewer instructions.
     template <class W>
@@ -173,18 +196,19 @@ struct MlpGroupForwardKernel {
 };
 
 /// Cotangents of the outputs of all layers, for the weights' gradients, and of the inputs.
-template <class Tiles, class A>
+template <class Tiles, class A, bool streamed = false>
 struct MlpGroupReverseKernel {
     static constexpr const char* name = "network, reverse";
     static constexpr bool of_groups = true;
     static constexpr int threads = 128 * Tiles::groups, blocks = 1;
     static constexpr int width = Tiles::width, steps = width / 16, last_steps = Tiles::last / 16;
-    using Shared = RingMemory<1, Tiles::bytes>;
+    using Shared = MlpGroupRing<Tiles, streamed>;
     MlpGroupNetwork network;
     DeviceColumns<const float> g_out; ///< outputs x N
     DeviceColumns<float> g_points;    ///< inputs x N, at the points' columns, or null
     bool add;                         ///< to g_points
     int grid;
+    MlpGroupPieces pieces;
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
@@ -192,23 +216,25 @@ struct MlpGroupReverseKernel {
         block.each_thread([&](int t) {
             if (t == 0) W::set_ring(shared, 4 * Tiles::groups);
         });
-        const auto piece = [&](int, const auto& copy) { copy(0, network.reverse, network.bytes); };
         const std::uint32_t count = network.of.among(network.points), tiles = (count + 63) / 64;
-        const auto apart = static_cast<std::uint32_t>(grid * Tiles::groups);
+        const int first = block.index() * Tiles::groups, apart = grid * Tiles::groups;
         block.each_warp([&](int w) {
-            const RingPlace<Shared> all;
-            if (w == 0) W::fill(shared, all, piece);
-            const unsigned char* const operands = W::take(shared, all, piece);
-            // From the last points on, whose numbers the forward pass has left in the cache.
-            for (auto tile = static_cast<std::uint32_t>(block.index() * Tiles::groups + w / 4);
-                 tile < tiles; tile += apart)
-                run<W>(operands, {tiles - 1 - tile, count, w}, w);
+            each_round<W, Tiles, streamed>(
+                shared, pieces, network.reverse, network.bytes, rounds_of(count, first, apart), w,
+                [&](auto& source, int r) {
+                    // From the last points on, whose numbers the forward pass left in the cache.
+                    const auto tile = static_cast<std::uint32_t>(first + r * apart + w / 4);
+                    if (tile < tiles)
+                        run<W>(source, {tiles - 1 - tile, count, w}, w);
+                    else if constexpr (streamed)
+                        source.skip();
+                });
         });
     }
 
   private:
-    template <class W>
-    RYE_DEVICE void run(const unsigned char* operand, const GroupPlace<W>& place, int w) const {
+    template <class W, class Source>
+    RYE_DEVICE void run(Source& source, const GroupPlace<W>& place, int w) const {
         GroupRows<W, last_steps> last;
         GroupRows<W, steps> rows, next;
         place.load(last, g_out, nullptr);
@@ -220,19 +246,32 @@ struct MlpGroupReverseKernel {
             else if (s == 0)
                 place.template write<2>(network.last_cotangent, r / 2, r % 2, last[s][r]);
         });
-        operand = through<W>(last, next, network.layers - 1, operand, place, w);
+        through<W>(last, next, network.layers - 1, source, place, w);
         rows = next;
         for (int l = network.layers - 2; l > 0; --l) {
-            operand = through<W>(rows, next, l, operand, place, w);
+            through<W>(rows, next, l, source, place, w);
             rows = next;
         }
-        if (g_points.data != nullptr) to_points<W>(last, rows, operand, place);
+        if (g_points.data != nullptr) to_points<W>(last, rows, source, place);
+    }
+    /// sum = or += rows times the next operand of n columns.
+    template <class W, int n, bool onto, int own, int slots>
+    RYE_DEVICE static void multiply(Array<typename W::F, std::size_t(n / 2)>& sum,
+                                    const GroupRows<W, own>& rows,
+                                    MlpGroupStream<W, slots>& stream) {
+        multiply_streamed<W, n, onto, own>(sum, rows, stream);
+    }
+    template <class W, int n, bool onto, int own>
+    RYE_DEVICE static void multiply(Array<typename W::F, std::size_t(n / 2)>& sum,
+                                    const GroupRows<W, own>& rows, const unsigned char*& operand) {
+        const unsigned char* const at = operand;
+        batch<W>(sum, [&] { multiply_group<W, n, onto, own>(sum, rows, at); });
+        operand += 16 * own * 2 * n;
     }
     /// Cotangents of layer l's outputs back to those of the layer below.
-    template <class W, class Rows>
-    RYE_DEVICE const unsigned char* through(const Rows& rows, GroupRows<W, steps>& next, int l,
-                                            const unsigned char* operand,
-                                            const GroupPlace<W>& place, int w) const {
+    template <class W, class Rows, class Source>
+    RYE_DEVICE void through(const Rows& rows, GroupRows<W, steps>& next, int l, Source& source,
+                            const GroupPlace<W>& place, int w) const {
         using F = typename W::F;
         using U = typename W::U;
         constexpr int own = int(Rows::size());
@@ -247,8 +286,7 @@ struct MlpGroupReverseKernel {
                                      U(U(static_cast<std::uint32_t>(32 * (w % 4))) + W::lane()));
             });
             Array<F, 64> sum;
-            batch<W>(sum, [&] { multiply_group<W, 128, false, own>(sum, rows, operand); });
-            operand += 16 * own * 2 * 128;
+            multiply<W, 128, false, own>(sum, rows, source);
             expanded<32>([&](auto i) {
                 constexpr int j = decltype(i)::value / 2, h = decltype(i)::value % 2,
                               bit = j % 8 * 2 + h;
@@ -263,19 +301,17 @@ struct MlpGroupReverseKernel {
                                                 16 * piece + j, h, both);
             });
         });
-        return operand;
     }
-    template <class W>
+    template <class W, class Source>
     RYE_DEVICE void to_points(const GroupRows<W, last_steps>& last, GroupRows<W, steps>& rows,
-                              const unsigned char* operand, const GroupPlace<W>& place) const {
+                              Source& source, const GroupPlace<W>& place) const {
         using F = typename W::F;
         constexpr int n = Tiles::inputs;
         Array<F, std::size_t(n / 2)> sum;
         repeated<n / 2>([&](auto i) { sum[i] = F(0.0F); });
         const auto product = [&](const auto& own) {
             constexpr int own_steps = int(std::remove_cvref_t<decltype(own)>::size());
-            batch<W>(sum, [&] { multiply_group<W, n, true, own_steps>(sum, own, operand); });
-            operand += 16 * own_steps * 2 * n;
+            multiply<W, n, true, own_steps>(sum, own, source);
         };
         product(rows);
         for (int l = 1; l + 1 < network.layers; ++l)

@@ -26,6 +26,7 @@ struct MlpGroupTiles {
     static constexpr int pieces = width / 128; ///< of 128 columns
     static constexpr int groups = width == 128 ? 3 : 2;
     static constexpr int last = 32; ///< outputs, at most
+    static constexpr bool streams = width == 256; ///< operands that do not stay pass through
     static constexpr int most_layers = DeviceMlpNetwork::most_layers;
     /// Room for the operands in shared memory.
     static constexpr int bytes = (227 * 1024 - most_layers * width * 4 - 64) / 128 * 128;
@@ -40,10 +41,15 @@ struct MlpGroupTiles {
         }
         return sum;
     }
+    /// Whether operands stay in shared memory; others pass through it (mlp_group_stream.hpp).
+    template <class Shape>
+    static bool stays(const Shape& s) {
+        return operand_bytes(s) <= bytes;
+    }
     template <class Shape>
     static bool fits(const Shape& s) {
         bool all = there && s.layers() >= 2 && s.layers() <= most_layers && s.point_inputs() > 0 &&
-                   s.point_inputs() <= inputs && s.outputs() <= last && operand_bytes(s) <= bytes;
+                   s.point_inputs() <= inputs && s.outputs() <= last && (streams || stays(s));
         for (int l = 0; l + 1 < s.layers(); ++l) all = all && s.layer_out(l) == width;
         return all;
     }
@@ -238,13 +244,14 @@ struct GroupPlace {
     }
 };
 
-/// sum (+)= rows times an operand of n columns in shared memory.
-template <class W, int n, bool onto, int steps>
+/// sum (+)= rows times an operand of n columns in shared memory: of the rows' numbers from
+/// 16 `first` on, 16 `some`.
+template <class W, int n, bool onto, int steps, int first = 0, int some = steps>
 RYE_DEVICE void multiply_group(Array<typename W::F, std::size_t(n / 2)>& sum,
                                const GroupRows<W, steps>& rows, const unsigned char* operand) {
     const auto b = W::operand(operand, 128, 16 * n);
-    expanded<steps>([&](auto k) {
-        W::template product<n, onto || (decltype(k)::value > 0), false>(sum, rows[k],
+    expanded<some>([&](auto k) {
+        W::template product<n, onto || (decltype(k)::value > 0), false>(sum, rows[first + k],
                                                                         W::moved(b, 32 * n * k));
     });
 }

@@ -49,6 +49,7 @@ class MlpGroups {
     void set(const Device& device, const CudaQueue& queue, const MlpShape& s, int processors,
              const DeviceMlpParameters& p, const float* frame) {
         processors_ = processors;
+        stays_ = Tiles::stays(s);
         const int count = s.layers(), inputs = s.point_inputs(), bytes = Tiles::operand_bytes(s);
         network_.layers = count;
         network_.inputs = inputs;
@@ -59,6 +60,7 @@ class MlpGroups {
         numbers_.reserve(queue, static_cast<std::size_t>(2 * count * width));
         network_.forward = operands_.data();
         network_.reverse = operands_.data() + bytes / 4;
+        forward_ = reverse_ = to_points_ = {};
         network_.bias = numbers_.data();
         MlpGroupPackKernel pack;
         pack.to = operands_.data();
@@ -70,6 +72,8 @@ class MlpGroups {
             if (takes) network_.takes_input |= 1U << static_cast<unsigned>(l);
             for (int first = 0; first < out; first += n) {
                 const float* const w = weights(l) + first;
+                if (hidden > 0) forward_.add(width, n);
+                if (takes) forward_.add(Tiles::inputs, n);
                 if (hidden > 0)
                     pack.add(MlpGroupPackJob{w, out, 1, hidden, out - first, width, n, 0});
                 if (takes)
@@ -79,16 +83,18 @@ class MlpGroups {
         }
         for (int l = count - 1; l > 0; --l)
             for (int first = 0; first < width; first += 128) {
-                const int out = s.layer_out(l);
-                pack.add(MlpGroupPackJob{weights(l) + Index(first) * out, 1, out, out, width,
-                                         l + 1 < count ? width : Tiles::last, 128, 0});
+                const int out = s.layer_out(l), k = l + 1 < count ? width : Tiles::last;
+                reverse_.add(k, 128);
+                pack.add(MlpGroupPackJob{weights(l) + Index(first) * out, 1, out, out, width, k,
+                                         128, 0});
             }
+        to_points_ = reverse_;
         const auto to_input = [&](int l) {
-            const int out = s.layer_out(l);
-            if (s.reads_input(l))
-                pack.add(MlpGroupPackJob{weights(l) + Index(s.hidden_in(l)) * out, 1, out, out,
-                                         inputs, l + 1 < count ? width : Tiles::last, Tiles::inputs,
-                                         0});
+            const int out = s.layer_out(l), k = l + 1 < count ? width : Tiles::last;
+            if (!s.reads_input(l)) return;
+            to_points_.add(k, Tiles::inputs);
+            pack.add(MlpGroupPackJob{weights(l) + Index(s.hidden_in(l)) * out, 1, out, out, inputs,
+                                     k, Tiles::inputs, 0});
         };
         for (int l = 0; l < count; ++l) to_input(l);
         add_biases(pack, s, p, frame);
@@ -109,9 +115,12 @@ class MlpGroups {
         network_.of = of;
         if (keep) place(queue);
         const Index blocks = grid();
-        device.launch(
-            queue, blocks,
-            MlpGroupForwardKernel<Tiles, A>{network_, points, out, keep, static_cast<int>(blocks)});
+        const auto launch = [&](auto streamed) {
+            device.launch(queue, blocks,
+                          MlpGroupForwardKernel<Tiles, A, streamed()>{
+                              network_, points, out, keep, static_cast<int>(blocks), forward_});
+        };
+        by_source(launch);
     }
     void vjp_into(const Device& device, const CudaQueue& queue,
                   const DeviceColumns<const float>& g_out, const DeviceMlpGradient& g,
@@ -126,9 +135,13 @@ class MlpGroups {
         network_.last_cotangent =
             network_.cotangent + tile * static_cast<std::size_t>(hidden * width);
         const Index blocks = grid();
-        device.launch(queue, blocks,
-                      MlpGroupReverseKernel<Tiles, A>{network_, g_out, g.points, g.add,
-                                                      static_cast<int>(blocks)});
+        const auto launch = [&](auto streamed) {
+            device.launch(queue, blocks,
+                          MlpGroupReverseKernel<Tiles, A, streamed()>{
+                              network_, g_out, g.points, g.add, static_cast<int>(blocks),
+                              g.points.data != nullptr ? to_points_ : reverse_});
+        };
+        by_source(launch);
         const MlpGroupWeightCut cut = cut_of(s, kept);
         scratch.partial.reserve(queue, static_cast<std::size_t>(cut.numbers));
         float* const partial = scratch.partial.data();
@@ -169,6 +182,12 @@ class MlpGroups {
             pack.add(MlpBiasJob{p.bias[i].data, p.weight[i].data + Index(before) * out, out,
                                 s.reads_input(l) ? s.frame_inputs : 0, numbers(l), 0});
         }
+    }
+    /// Calls f(integral_constant) of the kernels whose operands pass through, or stay.
+    template <class F>
+    void by_source(const F& f) const {
+        if (stays_) return f(std::false_type());
+        if constexpr (Tiles::streams) f(std::true_type());
     }
     /// Blocks of the passes through the layers.
     Index grid() const {
@@ -211,7 +230,9 @@ class MlpGroups {
     }
 
     int processors_ = 0;
+    bool stays_ = true; ///< whether operands do, in shared memory
     MlpGroupNetwork network_{};
+    MlpGroupPieces forward_, reverse_, to_points_; ///< reverse passes without, and to the inputs
     DeviceBuffer<std::uint32_t> operands_; ///< of the forward pass, then of the reverse one
     DeviceBuffer<float> numbers_;          ///< biases, then sums of cotangents
     DeviceBuffer<std::uint16_t> kept_;     ///< inputs, and outputs of hidden layers
