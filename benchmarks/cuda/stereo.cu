@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// stereo HEAD.avatar [SIZE]: a trained head for both eyes of a viewer on this device, two pictures
-// of SIZE x SIZE (2048), driven once; networks and super-resolution by one and by three planes.
-// Milliseconds from new drivers in host memory to both pictures in device memory, as a program
-// waits that draws again and again: median, 99th percentile and most of 1000 frames, of a new gaze,
-// a new expression, a new camera; by single launches, and by graphs (frame_into). Then whether
-// both have the same bits, and the pictures of one plane against those of three, in dB.
+// stereo HEAD.avatar [SIZE [FRAMES]]: a trained head for both eyes of a viewer on this device, two
+// pictures of SIZE x SIZE (2048), driven once; networks and super-resolution by one and by three
+// planes. Milliseconds from new drivers in host memory to both pictures in device memory, as a
+// program waits that draws again and again: median, 99th percentile and most of FRAMES (1000), of a
+// new gaze, a new expression, a new camera; by single launches, and by graphs (frame_into). Then
+// whether both have the same bits, and the pictures of one plane against those of three, in dB.
 // Highlights are those that the middle between the eyes sees.
 #include <rye/backend/cuda/device.hpp>
 
@@ -30,7 +30,8 @@ using E = TrainedEffects;
 
 /// Distance between a person's pupils over the radius of a head.
 constexpr float pupils_over_head = 0.063F / 0.11F;
-constexpr int frames = 1000, warm_up = 20;
+constexpr int warm_up = 20;
+int frames = 1000;
 
 /// Returns the cameras of a left and a right eye, `apart` from one another.
 std::array<Pinhole<float>, 2> stereo_cameras(const Pinhole<float>& middle, float apart) {
@@ -189,13 +190,14 @@ int main(int argc, char** argv) {
         std::puts("cuda_stereo: skipped, no device is there");
         return 0;
     }
-    if (argc != 2 && argc != 3) {
-        std::puts("cuda_stereo: expected HEAD.avatar, and the pictures' size or nothing");
+    if (argc < 2 || argc > 4) {
+        std::puts("cuda_stereo: expected HEAD.avatar, then the pictures' size, then frames");
         return 2;
     }
     try {
         const PlayableAvatar<float> p = read_avatar<float>(argv[1]);
-        const int size = argc == 3 ? std::atoi(argv[2]) : 2048;
+        const int size = argc > 2 ? std::atoi(argv[2]) : 2048;
+        if (argc > 3) frames = std::max(std::atoi(argv[3]), 1);
         const int factor = 1 << p.avatar.upsampler.shape.doublings;
         require(size > 0 && size % factor == 0, "cuda_stereo", "got the size ", size,
                 ", expected a multiple of ", factor);

@@ -31,7 +31,7 @@ struct BlendKernel {
     static constexpr const char* name = "blend";
     static constexpr bool admits_next = true, waits_on_device = true;
     static constexpr bool halves = Layout::products && A::payload == Payload::half;
-    static constexpr int threads = 128, blocks = Layout::products && !halves ? 3 : 4;
+    static constexpr int threads = 128, blocks = Layout::products ? 3 : 4;
     static constexpr int N = planes_of<A>;
     using Found = FoundVisits<!Layout::products, A::outputs.contributor>;
     /// Shared memory of a block.
