@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernels whose machine code is counted (machine_code.sh): rules of Fast, features and alpha
-// alone, 3 and 32 channels; networks of width 256 by one plane of bf16; points of avatars; of
-// layers and losses of images one of each.
+// alone, 3 and 32 channels, 32 also as halves; networks of width 256 by one plane of bf16; points
+// of avatars; of layers and losses of images one of each.
+#include <rye/avatar/cuda/frame_words.hpp>
 #include <rye/avatar/cuda/two_stream.hpp>
 #include <rye/backend/cuda/device.hpp>
 #include <rye/loss/cuda/lpips.hpp>
 #include <rye/loss/cuda/smoothness.hpp>
 #include <rye/nn/cuda/mlp.hpp>
 #include <rye/nn/cuda/upsampler.hpp>
+#include <rye/splat/cuda/rasterizer.hpp>
 #include <rye/splat/cuda/sh_color.hpp>
 #include <rye/train/cuda/centring.hpp>
 #include <rye/train/cuda/image_losses.hpp>
@@ -27,10 +29,12 @@ const void* kernel() {
 }
 const void* const kernels[] = {
     kernel<detail::ProjectKernel<Rules, NoDistortion>>(),
+    kernel<detail::ProjectKernel<Rules, LensInMemory<NoDistortion>>>(),
     kernel<detail::ScanKernel>(),
     kernel<detail::BinKernel<Rules>>(),
     kernel<detail::BlendKernel<Rules, 3>>(),
     kernel<detail::BlendKernel<Rules, 32>>(),
+    kernel<detail::BlendKernel<WithHalves<Rules>, 32>>(),
     kernel<detail::ReverseKernel<Rules, 3, false>>(),
     kernel<detail::ReverseKernel<Rules, 32, false>>(),
     kernel<detail::MergeKernel<Rules, NoDistortion, 3>>(),
@@ -103,7 +107,9 @@ const void* const kernels[] = {
     kernel<detail::EachKernel<detail::ShadeGazedPoint>>(),
     kernel<detail::SumsKernel<detail::ShadeFaceVjp>>(),
     kernel<detail::SumsKernel<detail::ShadeEyesVjp>>(),
-    kernel<detail::LightVjpKernel>()};
+    kernel<detail::LightVjpKernel>(),
+    kernel<detail::EachKernel<detail::PutWords>>(),
+    kernel<detail::EachKernel<detail::GatherWords>>()};
 
 using Byte = std::uint8_t;
 using Below = detail::DoubledPixels<detail::ActivatedPixels>;
