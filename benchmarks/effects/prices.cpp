@@ -99,6 +99,7 @@ struct Driven {
             const EyeballShape shape{.iris_plane = 0.1};
             const Cornea<float> cornea = cornea_of<float>(shape);
             set_corneas(e.optics, cornea, cornea);
+            if constexpr (has_effect<E, CornealRefraction>) set_refraction(e.optics);
             for (Index i = 0; i < n; i += 5)
                 for (Index k = 0; k < 2; ++k) {
                     const double r = 0.059 * double(i) / double(n), a = 2.4 * double(i + k);

@@ -12,6 +12,7 @@
 #include "data/checksums.hpp"
 #include "data/picture.hpp"
 #include "data/threads.hpp"
+#include "synthetic_capture/corneal_ray.hpp"
 #include "synthetic_capture/scene.hpp"
 
 namespace rye::trainer {
@@ -139,8 +140,11 @@ double rounded(double x, int decimals) {
 }
 Json pair(const Vec2<double>& v) { return {rounded(v.x(), 2), rounded(v.y(), 2)}; }
 
-Json conventions(int size) {
+Json conventions(int size, bool refraction) {
     const std::string edge = std::to_string(size);
+    const std::string seen = refraction ? "; that is where it is, and it is seen through the cornea "
+                                          "of `refraction`, elsewhere and larger"
+                                        : ", seen without refraction";
     return {
         {"world",
          "right-handed; with identity pose x = subject left, y up, z out of the face "
@@ -172,8 +176,10 @@ Json conventions(int size) {
         {"eyeball",
          "rigid: rotated about eye_center by the minimal (torsion-free) rotation taking +z "
          "to the optical axis; the iris is the disc of limbus_radius[eye] about eye_center "
-         "+ iris_plane[eye]*gaze, seen without refraction; eye_radius = scleral sphere; "
-         "index 0 left, 1 right (world units)"},
+         "+ iris_plane[eye]*gaze" +
+             seen +
+             "; eye_radius = scleral sphere; "
+             "index 0 left, 1 right (world units)"},
         {"exp_coeff",
          "weights in 0..1 (exp_names), WITHOUT the 8 gaze-following lid shapes, which "
          "are in lid_coeff (lid_names) so that exp_coeff does not leak the gaze"},
@@ -260,7 +266,7 @@ Json description(const HeadModel& model, const CaptureScene& scene, const Json& 
         {"exp_names", model.expression_names},
         {"lid_names", lid_names},
         {"id_names", model.identity_names},
-        {"conventions", conventions(s.size)},
+        {"conventions", conventions(s.size, s.refraction)},
         {"units", "1 unit is about 1 dm: nasion to chin about 1.1; camera distance about 10"},
         {"head_center", {head_centre.x(), head_centre.y(), head_centre.z()}},
         {"id_coeff", identity},
@@ -277,6 +283,16 @@ Json description(const HeadModel& model, const CaptureScene& scene, const Json& 
                              {"half_size", b.half_size},
                              {"radiance", {b.radiance.x(), b.radiance.y(), b.radiance.z()}}});
         all["softboxes"] = boxes;
+    }
+    if (s.refraction) {
+        Json radius = Json::array(), ahead = Json::array();
+        for (const Eyeball& eye : model.eyes) {
+            radius.push_back(eye.cornea_radius);
+            ahead.push_back(cornea_ahead(eye));
+        }
+        all["refraction"] = {{"refractive_index", s.corneal_index()},
+                             {"cornea_radius", radius},
+                             {"cornea_ahead", ahead}};
     }
     if (s.eye_translation_mm > 0) all["eye_translation_mm"] = s.eye_translation_mm;
     return all;

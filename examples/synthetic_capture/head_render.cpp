@@ -9,6 +9,7 @@
 #include <rye/math/rotation.hpp>
 
 #include "data/threads.hpp"
+#include "synthetic_capture/corneal_ray.hpp"
 #include "synthetic_capture/noise.hpp"
 #include "synthetic_capture/skin_paint.hpp"
 
@@ -149,6 +150,7 @@ PosedHead::PosedHead(const HeadModel& model, const HeadState& state)
     : model_(model),
       world_from_lights_(state.world_from_lights),
       softboxes_(state.softboxes),
+      corneal_index_(state.corneal_index),
       faces_(model.faces),
       parts_(model.parts),
       caster_(Columns<double>(3, 0), {}) {
@@ -227,12 +229,15 @@ V3 PosedHead::eye_colour(const Ray& ray, const V3& at, int index, double& inside
     const V3 p = world_from_eye_[e].transpose() * (at - eye_centres_[e]);
     const V3 d = world_from_eye_[e].transpose() * ray.direction;
     inside = 0;
-    // Visible part of the iris disc behind the cornea; without refraction, which would move it from
-    // the position in the labels.
+    // Visible part of the iris disc behind the cornea. Labels have it where it is; only an index
+    // above 1 moves what is seen.
     const double plane = eye.iris_plane();
     double r = p.head<2>().norm() / eye.limbus_radius;
     V3 q = p;
-    if (p.z() > plane && d.z() < 0) {
+    if (p.z() > plane && corneal_index_ != 1) {
+        q = seen_on_iris(eye, p, d, corneal_index_);
+        r = q.head<2>().norm() / eye.limbus_radius;
+    } else if (p.z() > plane && d.z() < 0) {
         q = p + d * ((plane - p.z()) / d.z());
         r = q.head<2>().norm() / eye.limbus_radius;
     }

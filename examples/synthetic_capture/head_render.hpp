@@ -42,6 +42,8 @@ struct HeadState {
     /// Turn of the lights, which are at infinity.
     Mat3<double> world_from_lights = Mat3<double>::Identity();
     std::vector<Softbox> softboxes = usual_softboxes();
+    /// Refractive index behind the corneas; 1: irises are seen where they are.
+    double corneal_index = 1;
 };
 
 /// An image premultiplied over black: composite with image + (1 - mask) * background, in sRGB.
@@ -71,6 +73,7 @@ class PosedHead {
     const HeadModel& model_;
     Mat3<double> world_from_lights_;
     std::vector<Softbox> softboxes_;
+    double corneal_index_;
     Points vertices_, normals_;
     std::vector<Face> faces_;
     std::vector<Part> parts_;

@@ -246,6 +246,7 @@ CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {
                                                        : FrameKind::independent;
         f.state.expression = VecX<double>::Zero(static_cast<Index>(model.expression_names.size()));
         if (s.softboxes) f.state.softboxes = *s.softboxes;
+        f.state.corneal_index = s.corneal_index();
         if (i > 0) {
             set_pose(f, r);
             f.state.expression = random_expression(model.expression_names, r);
@@ -280,6 +281,7 @@ CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {
         f.kind = FrameKind::novel;
         f.state.expression = VecX<double>::Zero(static_cast<Index>(model.expression_names.size()));
         if (s.softboxes) f.state.softboxes = *s.softboxes;
+        f.state.corneal_index = s.corneal_index();
         f.state.world_from_head = {Mat3<double>::Identity(), Vec3<double>::Zero()};
         f.fixation_deg = gaze;
         place_eyes(f, model, scene);

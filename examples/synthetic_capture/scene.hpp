@@ -13,6 +13,7 @@
 
 #include <rye/core/random.hpp>
 #include <rye/geometry/camera.hpp>
+#include <rye/rig/cornea.hpp>
 
 #include "synthetic_capture/head_render.hpp"
 
@@ -33,6 +34,9 @@ struct CaptureSettings {
     double eye_translation_mm = 0;
     bool png = false;           ///< images are written as PNG, else as JPEG
     std::optional<std::vector<Softbox>> softboxes = {}; ///< instead of usual_softboxes()
+    bool refraction = false;    ///< irises are seen through corneas of detail::corneal_index
+    /// Refractive index behind the corneas, 1 without refraction.
+    double corneal_index() const { return refraction ? detail::corneal_index : 1; }
 };
 
 /// A camera of the rig.

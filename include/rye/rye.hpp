@@ -12,6 +12,7 @@
 #include <rye/avatar/activation.hpp>
 #include <rye/avatar/config.hpp>
 #include <rye/avatar/drivers.hpp>
+#include <rye/avatar/eye_corneas.hpp>
 #include <rye/avatar/eye_kappa.hpp>
 #include <rye/avatar/eye_lids.hpp>
 #include <rye/avatar/eye_lights.hpp>
@@ -19,6 +20,7 @@
 #include <rye/avatar/eye_parameters.hpp>
 #include <rye/avatar/eye_points.hpp>
 #include <rye/avatar/eye_pupils.hpp>
+#include <rye/avatar/eye_refraction.hpp>
 #include <rye/avatar/eye_stream.hpp>
 #include <rye/avatar/face_fields.hpp>
 #include <rye/avatar/face_networks.hpp>

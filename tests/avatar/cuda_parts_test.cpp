@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernels of driven features, highlights, shadows of lids and shading, run by a device's emulation
+// Kernels of driven features, refraction, highlights, shadows of lids and shading, run by a device's emulation
 // on the host.
 #include "../cuda/avatar_cases.hpp"
 #include "../cuda/emulated.hpp"
@@ -25,6 +25,12 @@ TEST_CASE("cuda, emulated: driven features, highlights and shading are the host'
     avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
     c.avatar.eyes.networks[1] = {};
     avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
+    const auto optics = c.avatar.eyes.optics;
+    resize_lights(c.avatar.eyes.optics, 0);
+    avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
+    c.avatar.eyes.optics = optics;
+    c.avatar.eyes.optics.index = {};
+    avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
     c.avatar.eyes.optics = {};
     avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
     c.avatar.eyes.lid_shadow = c.avatar.eyes.lid_line = {};
@@ -38,6 +44,7 @@ TEST_CASE("cuda, emulated: another gaze alone gives the bits of other drivers, f
         work_by_drivers<Wide>(EmulatedDevice{}, host_queue, case_with_parts<LitEffects>());
     CHECK(lit.gaze.at("shading by a gaze") == 1);
     CHECK(lit.gaze.at("eyes, highlights") == 1);
+    CHECK(lit.gaze.at("eyes, refraction") == 1);
     CHECK(lit.gaze.at("lids of a frame") == 1);
     CHECK(lit.gaze.at("eyes, shadows of lids") == 1);
     CHECK(lit.gaze.count("light of a frame") == 0);

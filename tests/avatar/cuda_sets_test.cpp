@@ -51,6 +51,8 @@ TEST_CASE("cuda, emulated: highlights, driven features and shading alone are the
     parts_against_host<More<PaperEffects, Glint>>();
     parts_against_host<Effects<HeadPose, LeftGaze, Glint>>();
     parts_against_host<Effects<HeadPose, LeftGaze, Glint, Pupil>>();
+    parts_against_host<Effects<CornealRefraction>>();
+    parts_against_host<More<PaperEffects, Kappa, CornealRefraction>>();
     parts_against_host<Effects<Expression, RightGaze, LidShadow>>();
     parts_against_host<More<AllEffects, LidShadow, GazeBy<LearnedQuaternion>>>();
     parts_against_host<More<PaperEffects, EyesBy<DrivenFeatures>>>();

@@ -55,6 +55,33 @@ TEST_CASE("refraction and glint have their tensors, and only where they are on")
     }
 }
 
+TEST_CASE("without an index corneas refract nothing, ask for no camera and have no tensor") {
+    using E = More<AllEffects, CornealRefraction>;
+    TwoStream<double, E> avatar = avatar_with_parts<E>();
+    const Drivers<double, E> seen = seen_drivers<E>(tiny_drivers<double>());
+    const TwoStreamTrace<double, E> refracted = driven(avatar, seen);
+    avatar.eyes.optics.index = {};
+    Drivers<double, E> drivers = restricted<E>(drivers_of_all());
+    CHECK(!drivers.camera.allFinite());
+    const TwoStreamTrace<double, E> plain = driven(avatar, drivers);
+    const auto rest = driven(restricted<AllEffects>(avatar), restricted<AllEffects>(drivers));
+    Gaussians<double>::fields([](const std::string& name, const auto& a,
+                                 const auto& b) { CHECK_MESSAGE(a == b, name); },
+                              plain.gaussians, rest.gaussians);
+    CHECK(!(plain.gaussians.mean == refracted.gaussians.mean));
+    const auto none = [](const std::string& name, const auto&) {
+        CHECK_MESSAGE(name.find("eyes.cornea") == std::string::npos, name);
+        CHECK_MESSAGE(name.find("refractive") == std::string::npos, name);
+    };
+    TwoStream<double, E>::fields(none, avatar);
+    TwoStream<double, E>::buffers(none, avatar);
+    CHECK(law_error<E>(avatar, drivers, 3) <= 1e-11);
+    avatar.eyes.optics.index = Columns<double>::Constant(1, 3, 1.3);
+    CHECK_THROWS_WITH_AS(driven(avatar, seen),
+                         doctest::Contains("got refractive indices of 1 x 3, expected 1 x 2"),
+                         Error);
+}
+
 TEST_CASE("a camera is asked for, and corneas") {
     auto avatar = avatar_of_optics();
     auto drivers = drivers_of_optics();
@@ -73,6 +100,7 @@ TEST_CASE("an iris in the world is where the refracted ray of the camera meets i
     const EyeballShape shape = EyeballShape{.iris_plane = 0.1};
     const Cornea<double> cornea = cornea_of<double>(shape);
     set_corneas(avatar.eyes.optics, cornea, cornea);
+    set_refraction(avatar.eyes.optics);
     const Index n = avatar.eyes.points_of(0), all = avatar.eyes.position.cols();
     for (Index i = 0; i < all; ++i) {
         const double r = 0.05 * double(i % n) / double(n), a = 1.3 * double(i);

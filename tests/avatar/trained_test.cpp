@@ -131,7 +131,13 @@ TEST_CASE("each part of a trained avatar shows, and an angle of 0 is no angle") 
     one.eyes.optics = all.eyes.optics;
     CHECK_FALSE(alike(look(one), plain));
     one.eyes.optics.light_intensity.setZero();
+    CHECK_FALSE(alike(look(one), plain));
+    one.eyes.optics.index.setOnes();
     CHECK(alike(look(one), plain));
+    one.eyes.optics = all.eyes.optics;
+    one.eyes.optics.index = {};
+    CHECK_FALSE(alike(look(one), plain));
+    CHECK(look(one).mean == plain.mean);
     one = none;
     one.shading = all.shading;
     CHECK_FALSE(alike(look(one), plain));
@@ -146,13 +152,14 @@ TEST_CASE("each part of a trained avatar shows, and an angle of 0 is no angle") 
 
 TEST_CASE("a trained avatar's vjp is the transpose of its duals, whatever has no parameters") {
     const auto drivers = seen_drivers<TrainedEffects>(tiny_drivers<double>());
-    for (int on = 0; on < 16; ++on) {
+    for (int on = 0; on < 32; ++on) {
         INFO(on);
         auto a = avatar_of_trained();
         if ((on & 1) == 0) a.eyes.kappa = {};
         if ((on & 2) == 0) a.shading = {};
         if ((on & 4) == 0) a.eyes.networks = {};
-        if ((on & 8) == 0) a.eyes.optics = {};
+        if ((on & 8) == 0) resize_lights(a.eyes.optics, 0);
+        if ((on & 16) == 0) a.eyes.optics.index = {};
         CHECK(law_error<TrainedEffects>(a, drivers, 3) <= 1e-12);
     }
 }
@@ -175,11 +182,16 @@ TEST_CASE("held with fewer effects a trained avatar looks the same, highlights d
             return most;
         };
         CHECK(gap(Less<TrainedEffects, Glint>{}) <= 1e-12);
+        using Straight = Less<TrainedEffects, CornealRefraction, Pupil>;
+        if (lit) CHECK_THROWS_AS(gap(Straight{}), Error);
+        else CHECK(gap(Straight{}) <= 1e-12);
+        CHECK(gap(Less<Straight, LidShadow, EyesBy<DrivenFeatures>>{}) <= 1e-12);
         CHECK(gap(Less<TrainedEffects, PoseResidual>{}) <= 1e-12);
         CHECK(gap(Effects<HeadPose, CornealBulge, Glint, HeadShading>{}) <= 1e-12);
         CHECK(gap(Effects<HeadPose, CornealBulge, HeadShading>{}) <= 1e-12);
-        CHECK(gap(Effects<HeadPose, LeftGaze, RightGaze, Kappa, Periocular, CornealBulge, Glint,
-                          HeadShading, EyesBy<DrivenFeatures>>{}) <= 1e-12);
+        CHECK(gap(Effects<HeadPose, LeftGaze, RightGaze, Kappa, Periocular, CornealBulge,
+                          CornealRefraction, Glint, HeadShading, EyesBy<DrivenFeatures>>{}) <=
+              1e-12);
     }
 }
 
@@ -189,7 +201,8 @@ TEST_CASE("tensors of a trained avatar have a checkpoint's names; what is off ha
     for (const char* name :
          {"eyes.feature", "eyes.kappa", "eyes.left_appearance_mlp.conv0.weight",
           "eyes.right_appearance_mlp.conv2.bias", "eyes.light_position", "eyes.light_intensity",
-          "eyes.lid_shadow", "shading.light", "shading.normal", "shading.eye_normal"})
+          "eyes.refractive_index", "eyes.lid_shadow", "shading.light", "shading.normal",
+          "shading.eye_normal"})
         CHECK_MESSAGE(all.count(name) == 1, name);
     a.eyes.kappa = {};
     a.shading = {};

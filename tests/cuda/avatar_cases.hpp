@@ -236,9 +236,10 @@ void mechanisms_against_host(const Device& device, const CudaQueue& queue) {
     check(More<Still, EyesBy<ConditionedFeatures>>{});
     check(More<Still, EyesBy<RotatedCode>>{});
 }
-/// Driven features, pupils, shadows of lids and shading, with kappa, a frame's correction of its
+/// Driven features, refraction, pupils, shadows of lids and shading, with kappa, a frame's correction of its
 /// pose and everything read.
-using LitEffects = More<AllEffects, Glint, Pupil, LidShadow, HeadShading, EyesBy<DrivenFeatures>>;
+using LitEffects = More<AllEffects, CornealRefraction, Glint, Pupil, LidShadow, HeadShading,
+                        EyesBy<DrivenFeatures>>;
 
 /// The same bits again, and in a cloud driven by other numbers before.
 template <class Networks, EffectSet E, class Device>

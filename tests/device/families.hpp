@@ -593,7 +593,7 @@ struct SsimWindow {
 
 struct Corneas {
     static constexpr const char* name = "cornea";
-    static constexpr int inputs = 3 * 4 + 1, outputs = 3 + 6 + 4 + 6 + 1;
+    static constexpr int inputs = 3 * 4 + 1, outputs = 3 + 7 + 4 + 6 + 1;
     static constexpr double ulps = 1024;
     static constexpr double apart = 0.01;    // at the cornea's rim, and where Newton's method stops
 
@@ -612,7 +612,8 @@ struct Corneas {
         Vec3<S> g_camera = zero;
         const RefractingCornea<S> refracting{cornea, index};
         out(seen_through(refracting, camera, point));
-        out(seen_through_vjp(refracting, camera, point, g, g_camera), g_camera);
+        SeenThroughGradient<S> sum{zero, S(0)};
+        out(seen_through_vjp(refracting, camera, point, g, sum), sum.camera, sum.index);
         const Mirrored<S> m = mirrored(cornea, camera, point);
         out(m.to, m.strength);
         out(mirrored_vjp(cornea, camera, point, Mirrored<S>{g, S(1)}, g_camera), g_camera);

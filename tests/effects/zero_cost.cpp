@@ -533,6 +533,7 @@ void fill(Case& c, Index n, Index per_eye) {
     set_corneas(e.optics, cornea, cornea);
     c.eyes.cornea = e.optics.cornea;
 #if !WITHOUT_CORNEAL_REFRACTION
+    set_refraction(e.optics);
     c.eyes.index = e.optics.index;
 #endif
 #if !WITHOUT_GLINT

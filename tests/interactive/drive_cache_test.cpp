@@ -31,12 +31,13 @@ using OneEye = Effects<Expression, RightGaze, Kappa, EyesBy<DrivenFeatures>>;
 
 using WithHighlights = More<PaperEffects, Glint>;
 using WithLids = More<PaperEffects, LidShadow>;
+using WithRefraction = More<PaperEffects, CornealRefraction>;
+using RefractedPupil = Effects<HeadPose, EyeOffset, RightGaze, Pupil, CornealRefraction, LidShadow>;
 using LidsAlone = Effects<HeadPose, Expression, EyeOffset, Pupil, LeftGaze, LidShadow>;
 
-// Refraction moves Gaussians with each view.
 static_assert(KeptFromFrameToFrame<PaperEffects> && KeptFromFrameToFrame<TrainedEffects> &&
               KeptFromFrameToFrame<Effects<>> && KeptFromFrameToFrame<WithHighlights>);
-static_assert(!KeptFromFrameToFrame<More<TrainedEffects, CornealRefraction>>);
+static_assert(KeptFromFrameToFrame<WithRefraction>);
 
 inline AvatarConfig eyes_apart_config() {
     AvatarConfig c = tiny_config(); // skin that follows each gaze alone
@@ -135,7 +136,7 @@ void follow(const B& backend, Puppet<T, E> p, int steps) {
 
 TEST_CASE_TEMPLATE("drive cache: the bits of drive() over random drivers, whatever is on", E,
                    PaperEffects, WithKappa, WithDrivenEyes, WithLight, OfFeatures, WithHighlights,
-                   WithLids, LidsAlone, TrainedEffects) {
+                   WithLids, LidsAlone, WithRefraction, RefractedPupil, TrainedEffects) {
     follow(XsimdBackend<>{}, puppet<float, E>(), 40);
 }
 
@@ -168,6 +169,7 @@ TEST_CASE("drive cache: eyes whose features alone change with the expression are
 TEST_CASE("drive cache: of a trained avatar is done what its parts read of what changed") {
     Puppet<float, TrainedEffects> p = puppet<float, TrainedEffects>();
     p.avatar.eyes.lid_shadow = p.avatar.eyes.lid_line = {};
+    p.avatar.eyes.optics.index = {};
     DriveCache<XsimdBackend<>, float, TrainedEffects> cache({}, p.avatar, p.config, p.roles);
     const auto update = [&] {
         cache.update(p.own());
@@ -237,6 +239,28 @@ TEST_CASE("drive cache: of a trained avatar is done what its parts read of what 
     CHECK_THROWS_AS(update(), Error);
     p.pupil[1] = 1;
     CHECK(update().eyes == 2); // all anew after the fault
+}
+
+TEST_CASE("drive cache: a camera that moves takes the refracted eyes along, without networks") {
+    Puppet<float, WithRefraction> p = puppet<float, WithRefraction>();
+    DriveCache<XsimdBackend<>, float, WithRefraction> cache({}, p.avatar, p.config, p.roles);
+    check(XsimdBackend<>{}, cache, p);
+    const Gaussians<float> before = cache.gaussians();
+    p.camera.camera_from_world.translation[0] += 0.5;
+    check(XsimdBackend<>{}, cache, p);
+    CHECK(cache.work().networks == 0);
+    CHECK(cache.work().summed == 0);
+    CHECK(cache.work().eyes == 2);
+    CHECK(static_cast<Index>(cache.changed().size()) == p.avatar.eyes.position.cols());
+    CHECK(!(cache.gaussians().mean == before.mean));
+    cache.update(p.own());
+    CHECK(cache.changed().empty());
+    p.avatar.eyes.optics.index = {};
+    cache.reset();
+    cache.update(p.own());
+    p.camera.camera_from_world.translation[0] += 0.5;
+    cache.update(p.own());
+    CHECK(cache.changed().empty());
 }
 
 TEST_CASE("drive cache: a lid that moves changes the colours of its eye alone, without networks") {

@@ -41,7 +41,8 @@ TEST_CASE(
     for (const TinyParts& parts :
          {TinyParts{}, TinyParts{.visual = true}, TinyParts{.light = true},
           TinyParts{.driven_eyes = true}, TinyParts{.highlights = true},
-          TinyParts{.lid_shadow = true}, TinyParts{true, true, true, true}}) {
+          TinyParts{.lid_shadow = true}, TinyParts{.refraction = true},
+          TinyParts{true, true, true, true}}) {
         const PlayableAvatar<float> p = tiny_playable(parts);
         const std::filesystem::path path = folder.path / "a.avatar";
         write_avatar(path, p, AvatarPrecision::full);
@@ -122,9 +123,10 @@ TEST_CASE("avatar file: other files and damaged ones are refused by what is wron
     const auto word = [&](const std::string& key, const std::string& value) {
         return edited(folder.path, p, [&](auto&, auto& metadata) { metadata[key] = value; });
     };
-    CHECK_FAULT(parse(word("version", "5")),
-                "x.avatar: metadata 'version': got '5', expected '1', '2', '3' or '4'");
+    CHECK_FAULT(parse(word("version", "6")),
+                "x.avatar: metadata 'version': got '6', expected '1', '2', '3', '4' or '5'");
     CHECK_FAULT(parse(word("version", "4")), "lid_shadow");
+    CHECK_FAULT(parse(word("version", "5")), "lid_shadow");
     CHECK_FAULT(parse(word("highlights", "sun")), "got 'sun', expected 'none' or 'lights'");
     CHECK_FAULT(parse(word("highlights", "lights")),
                 "the tensor 'avatar.eyes.light_position' is missing, though 'highlights' is 'lights'");
@@ -215,7 +217,7 @@ TEST_CASE("avatar file: contents that no avatar has are refused by tensor and va
                            std::numeric_limits<float>::infinity())),
                 "'eyes.light_position': value 1 is inf");
     CHECK_FAULT(parse(with("avatar.eyes.light_width", 1, 0.0F)),
-                "'eyes.cornea' or 'eyes.light_width': a radius or a width is not positive");
+                "'eyes.light_width': a width is not positive");
     CHECK_FAULT(parse(with("camera.lens", 0, nan)), "x.avatar: 'camera.lens': value 0 is nan");
     CHECK_FAULT(parse(with("camera.lens", 0, -1.0)), "'fx' is -1, expected");
     CHECK_FAULT(parse(with("camera.lens", 4, 20000.0)), "got a side of 20000");
@@ -312,6 +314,36 @@ TEST_CASE("avatar file: lids that cast shadows make a file of version 4, read as
     p.avatar.eyes.lid_shadow = p.avatar.eyes.lid_line = {};
     write_avatar(folder.path / "c", p);
     CHECK(read_safetensors(folder.path / "c").word("version") == "3");
+}
+
+TEST_CASE("avatar file: corneas that refract make a file of version 5, read as it was written") {
+    const TemporaryFolder folder;
+    for (const bool all : {false, true}) {
+        PlayableAvatar<float> p = tiny_playable(
+            TinyParts{.highlights = all, .lid_shadow = all, .refraction = true});
+        write_avatar(folder.path / "a", p);
+        CHECK(read_safetensors(folder.path / "a").word("version") == "5");
+        const PlayableAvatar<float> q = read_avatar<float>(folder.path / "a");
+        CHECK(q.avatar.eyes.optics.index == p.avatar.eyes.optics.index);
+        CHECK(q.avatar.eyes.optics.cornea == p.avatar.eyes.optics.cornea);
+        CHECK(q.avatar.eyes.optics.lights() == (all ? 2 : 0));
+        CHECK(q.avatar.eyes.has_lid_shadow() == all);
+        const auto word = [&](const std::string& key, const std::string& value) {
+            return edited(folder.path, p, [&](auto&, auto& metadata) { metadata[key] = value; });
+        };
+        CHECK_FAULT(parse(word("refraction", "water")), "got 'water', expected 'none' or 'cornea'");
+        CHECK_FAULT(parse(word("refraction", "none")),
+                    "got a tensor 'avatar.eyes.refractive_index', expected none");
+        p.avatar.eyes.optics.index(0, 1) = 4;
+        CHECK_FAULT(write_avatar(folder.path / "b", p),
+                    "'eyes.refractive_index': got 4, expected 0.5 to 3");
+        p.avatar.eyes.optics.index.resize(1, 3);
+        CHECK_FAULT(write_avatar(folder.path / "b", p),
+                    "'eyes.refractive_index': got shape (3, 1), expected (2, 1)");
+        p.avatar.eyes.optics.index.setConstant(1, 2, 1.4F);
+        p.avatar.eyes.optics.cornea(3, 1) = 0;
+        CHECK_FAULT(write_avatar(folder.path / "b", p), "'eyes.cornea': a radius is not positive");
+    }
 }
 
 TEST_CASE("avatar file: a file of version 2, which knows no highlights, is read as without") {

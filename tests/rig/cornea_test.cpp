@@ -100,10 +100,10 @@ TEST_CASE("refraction: its vjp is the transpose of its duals, on the axis and at
             return Columns<T>(y);
         };
         const auto vjp = [&](const Columns<double>& g) {
-            V g_camera = V::Zero();
-            const V g_point = seen_through_vjp({c, 1.336}, camera, iris, V(g), g_camera);
+            SeenThroughGradient<double> sum{V::Zero(), 0};
+            const V g_point = seen_through_vjp({c, 1.336}, camera, iris, V(g), sum);
             Columns<double> r(3, 2);
-            r << g_camera, g_point;
+            r << sum.camera, g_point;
             return r;
         };
         (lit ? worst : rim) = std::max(lit ? worst : rim,
@@ -114,6 +114,41 @@ TEST_CASE("refraction: its vjp is the transpose of its duals, on the axis and at
     CHECK(hidden > 20);
     CHECK(worst < 1e-9);
     CHECK(rim < 1e-9);
+}
+
+TEST_CASE("refraction: the cotangent of the index is its duals', and that of finite differences") {
+    const Cornea<double> c = cornea();
+    struct Index1 {};
+    using D = Dual<double, 1, Index1>;
+    int seen = 0, rim = 0;
+    for (const double aside : {0.0, 0.5, 1.0, 1.5, 2.2})
+        for (int k = 0; k < 40; ++k) {
+            const double r = 0.0015 * k, a = 2.4 * k, index = 1.05 + 0.01 * k;
+            const V camera(9 * std::sin(aside), 0.7, 9 * std::cos(aside)),
+                iris(r * std::cos(a), r * std::sin(a), 0.1), g(0.7, -0.4, 0.9);
+            const Vec3<D> by = seen_through<D>({lifted<D>(c), D::variable(index, 0)},
+                                               camera.cast<D>(), iris.cast<D>());
+            const double dual = g[0] * by[0].d[0] + g[1] * by[1].d[0] + g[2] * by[2].d[0];
+            const auto at = [&](double n) {
+                return g.dot(seen_through<double>({c, n}, camera, iris));
+            };
+            SeenThroughGradient<double> sum{V::Zero(), 2.5};
+            seen_through_vjp<double>({c, index}, camera, iris, g, sum);
+            CHECK(sum.index - 2.5 == doctest::Approx(dual).epsilon(1e-9));
+            const bool lit = sphere_path(V(camera - c.centre), V(iris - c.centre),
+                                         {c.radius, index})
+                                 .seen;
+            (lit ? seen : rim) += 1;
+            if (lit && std::abs(dual) > 1e-3)
+                CHECK(sum.index - 2.5 ==
+                      doctest::Approx((at(index + 1e-5) - at(index - 1e-5)) / 2e-5).epsilon(1e-5));
+            if (!lit) CHECK(sum.index == 2.5);
+        }
+    CHECK(seen > 100);
+    CHECK(rim > 10);
+    SeenThroughGradient<double> sum{V::Zero(), 0};
+    seen_through_vjp<double>({c, 1.0}, V(1, 0, 9), V(0.03, 0, 0.1), V(1, 1, 1), sum);
+    CHECK(sum.index == 0);
 }
 
 TEST_CASE("highlight: what the cornea mirrors is what a mirror of a sphere does, and it fades") {

@@ -23,18 +23,24 @@ inline Drivers<double, AllEffects> drivers_of_all() {
     return restricted<AllEffects>(tiny_drivers<double>());
 }
 
-/// Corneas that some of the tiny eyes' points lie behind, and two lights.
+/// Corneas that some of the tiny eyes' points lie behind, which refract, and two lights.
 template <class T, EffectSet E>
 void set_tiny_lights(EyeOptics<T, E>& o) {
     const Cornea<T> left{Vec3<T>(T(0), T(0), T(0.04)), T(0.11), Vec3<T>(T(0), T(0), T(1)), T(0.02)};
     Cornea<T> right = left;
     right.centre = Vec3<T>(T(0.01), T(-0.005), T(0.05));
     right.axis = right.centre.normalized();
-    set_corneas(o, left, right, 1.35);
-    resize_lights(o, 2);
-    o.light_position << 1, -2, 3, 1, 7, 5;
-    o.light_intensity << T(0.9), T(0.3), T(0.7), T(0.5), T(0.4), T(0.8);
-    o.light_width << T(0.5), T(0.8);
+    set_corneas(o, left, right);
+    if constexpr (has_effect<E, CornealRefraction>) {
+        set_refraction(o);
+        o.index << T(1.35), T(1.4);
+    }
+    if constexpr (has_effect<E, Glint>) {
+        resize_lights(o, 2);
+        o.light_position << 1, -2, 3, 1, 7, 5;
+        o.light_intensity << T(0.9), T(0.3), T(0.7), T(0.5), T(0.4), T(0.8);
+        o.light_width << T(0.5), T(0.8);
+    }
 }
 
 /// Gives the tiny eyes points as a template has them: of each the back pole, the middle of the
@@ -89,7 +95,7 @@ TwoStream<double, E> avatar_with_parts(std::uint64_t seed = 7) {
     if constexpr (has_effect<E, HeadShading>)
         a.shading = {draw.columns(8, 3, 0.5), draw.columns(3, a.face.position.cols()),
                      draw.columns(3, 2)};
-    if constexpr (has_effect<E, Glint>) set_tiny_lights(a.eyes.optics);
+    if constexpr (has_effect<E, SeesCornea>) set_tiny_lights(a.eyes.optics);
     if constexpr (has_effect<E, Pupil>) set_tiny_irises(a.eyes);
     if constexpr (has_effect<E, LidShadow>) set_tiny_lids(a);
     if constexpr (requires { a.eyes.turn; })

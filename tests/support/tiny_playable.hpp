@@ -14,7 +14,7 @@ struct TinyParts {
     bool visual = false; ///< it has a kappa
     bool light = false, driven_eyes = false, highlights = false;
     bool irises = false; ///< its eyes have those, so that pupils move
-    bool lid_shadow = false;
+    bool lid_shadow = false, refraction = false;
 };
 
 inline PlayableAvatar<float> tiny_playable(const TinyParts& parts, int doublings = 1) {
@@ -45,7 +45,10 @@ inline PlayableAvatar<float> tiny_playable(const TinyParts& parts, int doublings
         for (Mlp<double>& mlp : avatar.eyes.networks)
             mlp = Mlp<double>::init(DrivenFeatures::shape(sizes), Random{9, draw.next++});
     }
-    if (parts.highlights) set_tiny_lights(avatar.eyes.optics);
+    if (parts.highlights || parts.refraction) set_tiny_lights(avatar.eyes.optics);
+    if (!parts.highlights) resize_lights(avatar.eyes.optics, 0);
+    if (!parts.refraction) avatar.eyes.optics.index = {};
+    if (!parts.highlights && !parts.refraction) avatar.eyes.optics = {};
     if (parts.irises) set_tiny_irises(avatar.eyes);
     if (parts.lid_shadow) set_tiny_lids(avatar);
     p.avatar = lifted<float>(avatar);

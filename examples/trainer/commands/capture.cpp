@@ -166,6 +166,9 @@ void add_capture(CLI::App& app) {
                   "JSON file of lights beside the sky, instead of the usual two: what `rye info "
                   "--json` prints of a capture, or a list of {\"to\": [X, Y, Z], \"intensity\": "
                   "[R, G, B], \"width\": RADIANS}; frames and cameras stay as they are");
+    c->add_flag("--refraction", s.refraction,
+                "Irises are seen through corneas that refract (index 1.376); labels say where they "
+                "are, not where they are seen");
     CLI::Option* const video =
         c->add_option(
              "--video", o->video,

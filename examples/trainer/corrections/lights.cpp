@@ -225,6 +225,15 @@ void fit_lights(const ReflectedMap& map, FoundLights& found) {
               });
 }
 
+void take_corneas(Avatar& avatar, const std::array<Cornea<double>, 2>& both) {
+    const auto cornea = [&](std::size_t e) {
+        const Cornea<double>& c = both[e];
+        return Cornea<float>{Vec3<float>(c.centre.cast<float>()), static_cast<float>(c.radius),
+                             Vec3<float>(c.axis.cast<float>()), static_cast<float>(c.rim)};
+    };
+    set_corneas(avatar.eyes.optics, cornea(0), cornea(1));
+}
+
 } // namespace
 
 Cornea<double> usual_cornea(const Subject& subject, std::size_t eye) {
@@ -328,15 +337,15 @@ nlohmann::ordered_json FoundLights::json() const {
     return {{"pictures", pictures}, {"explained", explained}, {"lights", all}};
 }
 
+void begin_refraction(Avatar& avatar, const Subject& subject) {
+    if (avatar.eyes.optics.cornea.size() == 0)
+        take_corneas(avatar, {usual_cornea(subject, 0), usual_cornea(subject, 1)});
+    set_refraction(avatar.eyes.optics, detail::corneal_index);
+}
+
 void set_lights(Avatar& avatar, const FoundLights& found) {
     if (found.lights.empty()) return;
-    EyeOptics<float, TrainEffects>& optics = avatar.eyes.optics;
-    const auto cornea = [&](std::size_t e) {
-        const Cornea<double>& c = found.corneas[e];
-        return Cornea<float>{Vec3<float>(c.centre.cast<float>()), static_cast<float>(c.radius),
-                             Vec3<float>(c.axis.cast<float>()), static_cast<float>(c.rim)};
-    };
-    set_corneas(optics, cornea(0), cornea(1));
+    take_corneas(avatar, found.corneas);
     replace_lights(avatar, found);
 }
 

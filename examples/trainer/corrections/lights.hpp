@@ -50,6 +50,8 @@ CorneaInPicture cornea_in_picture(const CaptureFrame& frame, const Pinhole<doubl
                                   const Subject& subject, std::size_t eye,
                                   const Cornea<double>& cornea);
 
+/// Lets the corneas of an avatar, which are usual ones, refract.
+void begin_refraction(Avatar& avatar, const Subject& subject);
 /// Gives an avatar these lights and corneas; none, and nothing changes, where there are none.
 void set_lights(Avatar& avatar, const FoundLights& found);
 /// Gives an avatar that has corneas these lights instead of its own; none: no highlights.

@@ -64,6 +64,7 @@ void walk(F& f, TrainConfig& c) {
         f("shading", c.shading);
         f("highlights", c.highlights);
         f("lid_shadow", c.lid_shadow);
+        f("refraction", c.refraction);
         f("networks", [&] {
             NetworkConfig& n = a.networks;
             f("geometry", n.geometry);
@@ -171,6 +172,7 @@ void walk(F& f, TrainConfig& c) {
             f("light_intensity", g.rates.light_intensity, rate);
             f("light_position", g.rates.light_position, rate);
             f("lid_shadow", g.rates.lid_shadow, rate);
+            f("refractive_index", g.rates.refractive_index, rate);
         });
         f("centre_corrections", g.centre_corrections);
         f("lid_steps", g.lid_steps, steps);
@@ -406,6 +408,9 @@ void check(const TrainConfig& c, const std::string& source) {
         source, "field 'avatar.gaze_mechanism': got \"", [&] { return word_of(c.gaze_mechanism); },
         "\", expected \"rotation\", as eye_appearance is \"",
         [&] { return word_of(c.eye_appearance); }, "\"");
+    require(c.gaze_mechanism == GazeMechanismName::rotation || !c.refraction, source,
+            "field 'avatar.gaze_mechanism': got \"", [&] { return word_of(c.gaze_mechanism); },
+            "\", expected \"rotation\", as refraction is true");
 }
 
 /// Returns networks with fewer operations: the shapes of the paper's, narrower.

@@ -134,6 +134,8 @@ struct TrainConfig {
     bool highlights = false; ///< lights found in the photographs (corrections/lights.hpp); JSON:
                              ///< avatar.highlights
     bool lid_shadow = false; ///< shadows of the upper lids on the eyeballs; JSON: avatar.lid_shadow
+    bool refraction = false; ///< irises lie behind corneas, whatever eyeball.bulge says, which
+                             ///< refract; JSON: avatar.refraction
     GridConfig grid;
     MeshTrainConfig mesh;
     AvatarTrainConfig gaussians;

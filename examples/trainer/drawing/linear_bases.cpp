@@ -157,7 +157,7 @@ SplatBases linear_bases(const BasesOf& of) {
     require(!of.state.compared, "rye export", "--bases: got a run whose avatar.gaze_mechanism is '",
             word_of(of.state.config.gaze_mechanism), "', expected 'rotation'");
     TrainState state = drawn_state(of.state);
-    state.avatar.eyes.optics = {}; // highlights are a camera's
+    state.avatar.eyes.optics = {}; // highlights and refraction are a camera's
     const Gaussians<float> rest = driven_gaussians(state, of.rest);
     const auto& eyes = state.avatar.eyes;
     SplatBases b;

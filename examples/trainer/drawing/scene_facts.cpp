@@ -62,6 +62,7 @@ AvatarFacts avatar_facts(const TrainState& state, const std::vector<Drivers<floa
             a.eye_offset, static_cast<double>((moves(d) - from).colwise().norm().maxCoeff()));
     a.channels = config.channels;
     a.shaded = state.avatar.shading.any();
+    a.corneas = state.avatar.eyes.optics.refracts();
     a.lid_shadow = state.avatar.eyes.has_lid_shadow();
     a.driven_eyes = has_driven_eyes(state.avatar);
     const Upsampler<float>& u = state.avatar.upsampler;

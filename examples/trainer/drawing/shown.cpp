@@ -135,7 +135,7 @@ Gaussians<float> driven_gaussians(const TrainState& state,
 
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
     const auto plain = restricted<TrainEffects>(drivers);
-    if (state.avatar.eyes.optics.lights() == 0) return driven_gaussians(state, plain);
+    if (!state.avatar.eyes.optics.sees_cornea()) return driven_gaussians(state, plain);
     TrainState without = state;
     without.avatar.eyes.optics = {};
     return driven_gaussians(without, plain);

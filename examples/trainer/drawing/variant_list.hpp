@@ -31,13 +31,14 @@ struct TalkVariant : AvatarVariant<Less<TrainEffects, PoseResidual>> {
 /// Eyes that turn, their pupils, and the skin around them. A cornea is part of the eyeballs and
 /// costs nothing.
 struct GazeVariant
-    : AvatarVariant<Effects<HeadPose, LeftGaze, RightGaze, Kappa, Periocular, CornealBulge, Glint,
-                            Pupil, LidShadow, HeadShading, EyesBy<DrivenFeatures>>> {
+    : AvatarVariant<
+          Effects<HeadPose, LeftGaze, RightGaze, Kappa, Periocular, CornealBulge, CornealRefraction,
+                  Glint, Pupil, LidShadow, HeadShading, EyesBy<DrivenFeatures>>> {
     static constexpr std::string_view name = "gaze";
 };
 /// A camera that moves around a head that does not.
-struct StillVariant
-    : AvatarVariant<Effects<HeadPose, CornealBulge, Glint, LidShadow, HeadShading>> {
+struct StillVariant : AvatarVariant<Effects<HeadPose, CornealBulge, CornealRefraction, Glint,
+                                            LidShadow, HeadShading>> {
     static constexpr std::string_view name = "still";
 };
 

@@ -28,6 +28,7 @@ EffectMask trained_effects(const TrainState& state, const std::vector<DrawnFrame
     for (const DrawnFrame& f : frames)
         if (f.pupil != PupilRatios{1, 1}) m.add(EffectName::pupil);
     if (state.avatar.eyes.kappa.size() > 0) m.add(EffectName::kappa);
+    if (state.avatar.eyes.optics.refracts()) m.add(EffectName::corneal_refraction);
     if (state.avatar.eyes.optics.lights() > 0) m.add(EffectName::glint);
     if (state.avatar.eyes.has_lid_shadow()) m.add(EffectName::lid_shadow);
     if (state.avatar.shading.any()) m.add(EffectName::head_shading);

@@ -381,6 +381,7 @@ TrainState state_of(const Safetensors& file, const std::string& who) {
                             ", expected (lights, 3)");
                 resize_lights(avatar.eyes.optics, got[0]);
             }
+            if (file.has("avatar.eyes.refractive_index")) set_refraction(avatar.eyes.optics, 1);
             if (const char* const lids = "avatar.eyes.lid_line"; file.has(lids)) {
                 const std::vector<Index>& got = file.at(lids).shape;
                 require(got.size() == 2 && got[0] > 0 && got[0] % 2 == 0 && got[1] == 3, who,

@@ -12,6 +12,7 @@
 #include <rye/train/lid_line.hpp>
 
 #include "corrections/expression_regions.hpp"
+#include "corrections/lights.hpp"
 #include "data/panel.hpp"
 #include "model/trained_parts.hpp"
 #include "training/mesh_steps.hpp"
@@ -20,8 +21,9 @@ namespace rye::trainer {
 namespace {
 
 TrainEyeball eyeball_of(const Subject& s, const TrainConfig& config, std::size_t eye) {
-    TrainEyeball shape = eyeball_shape(
-        s.sizes(eye), config.gaussians.eyeball.bulge ? IrisSurface::bulge : IrisSurface::plane);
+    const bool bulge = config.gaussians.eyeball.bulge && !config.refraction;
+    TrainEyeball shape =
+        eyeball_shape(s.sizes(eye), bulge ? IrisSurface::bulge : IrisSurface::plane);
     // Points on the iris lie half as far apart as on the sclera: if a coarse sclera met a fine
     // iris, its large Gaussians would reach over the iris of an eye that looks aside. About 2500
     // points.
@@ -121,6 +123,7 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid, const Fou
         state.avatar = {};
     } else {
         set_lights(state.avatar, lights);
+        if (config.refraction) begin_refraction(state.avatar, state.subject);
         if (config.lid_shadow) begin_lid_shadow(state.avatar, state.subject.roles);
         if (config.gaze_axis == GazeAxis::visual)
             for (std::size_t e = 0; e < 2; ++e)

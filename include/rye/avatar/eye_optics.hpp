@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/avatar/eye_optics.hpp: what a camera sees of the eyeballs through and on their corneas
-/// (rig/cornea.hpp), for the effects CornealRefraction and Glint: parameters, their part of a frame
-/// and its vjp. It happens in each eyeball's own frame, before its transform: the camera and the
-/// lights are taken there.
+/// (rig/cornea.hpp), for the effects CornealRefraction and Glint: their part of a frame and its
+/// vjp, by the parameters of avatar/eye_corneas.hpp. It happens in each eyeball's own frame, before
+/// its transform: the camera and the lights are taken there.
 /// Frames: parameters in the eyeball's, canonical units; lights and camera in the world.
 #pragma once
 
@@ -12,161 +12,30 @@
 #include <vector>
 
 #include <rye/avatar/drivers.hpp>
-#include <rye/avatar/eye_lights.hpp>
+#include <rye/avatar/eye_corneas.hpp>
+#include <rye/avatar/eye_refraction.hpp>
 #include <rye/avatar/head_pose.hpp>
 #include <rye/backend/backend.hpp>
-#include <rye/rig/eyeball.hpp>
 
 namespace rye {
-
-/// The effects that look at the cornea.
-using SeesCornea = AnyOf<CornealRefraction, Glint>;
-
-/// Corneas and lights of both eyes, for the effects that see them; fields of other effects are
-/// absent. Without lights, Glint has no tensor and does nothing.
-template <class T, EffectSet E = PaperEffects>
-struct EyeOptics {
-    /// Fixed, an eye a column: centre, radius, axis, rim of rig/cornea.hpp's Cornea, 8 x 2.
-    [[no_unique_address]] detail::Slot<E, SeesCornea, Columns<T>> cornea;
-    [[no_unique_address]] detail::Slot<E, CornealRefraction, Columns<T>> index; ///< fixed, 1 x 2
-    [[no_unique_address]] detail::Slot<E, Glint, Columns<T>> light_position;    ///< world, 3 x L
-    /// Colour that a light's highlight adds to the first channels at its middle, 3 x L.
-    [[no_unique_address]] detail::Slot<E, Glint, Columns<T>, 1> light_intensity;
-    /// Fixed: the deviation of a light's lobe [rad], 1 x L (rig/cornea.hpp). Gaussians that are
-    /// farther apart than its image, about half the corneal radius times that, do not show it.
-    [[no_unique_address]] detail::Slot<E, Glint, Columns<T>, 2> light_width;
-
-    template <class F, class... P>
-    static void fields([[maybe_unused]] F&& f, [[maybe_unused]] P&&... p) {
-        if constexpr (has_effect<E, Glint>)
-            if (((p.light_width.size() > 0) || ...)) {
-                f("light_position", p.light_position...);
-                f("light_intensity", p.light_intensity...);
-            }
-    }
-    template <class F, class... P>
-    static void buffers([[maybe_unused]] F&& f, [[maybe_unused]] P&&... p) {
-        if constexpr (has_effect<E, SeesCornea>)
-            if ((p.sees_cornea() || ...)) f("cornea", p.cornea...);
-        if constexpr (has_effect<E, CornealRefraction>) f("refractive_index", p.index...);
-        if constexpr (has_effect<E, Glint>)
-            if (((p.light_width.size() > 0) || ...)) f("light_width", p.light_width...);
-    }
-
-    /// Returns the number of lights.
-    Index lights() const {
-        if constexpr (has_effect<E, Glint>) return light_width.cols();
-        return 0;
-    }
-    /// Returns true if what a camera sees of the eyes depends on where it is.
-    bool sees_cornea() const { return has_effect<E, CornealRefraction> || lights() > 0; }
-};
-
-/// The cornea of an eyeball's shape.
-template <Real T, EffectSet S>
-    requires has_effect<S, CornealBulge>
-Cornea<T> cornea_of(const BasicEyeballShape<S>& shape) {
-    return {Vec3<T>(T(0), T(0), static_cast<T>(shape.cornea_offset)),
-            static_cast<T>(shape.cornea_radius), Vec3<T>(T(0), T(0), T(1)),
-            static_cast<T>(shape.limbus_plane())};
-}
-
-/// The cornea of an eye (0: the subject's left) of the 8 x 2 parameter.
-template <class T>
-Cornea<T> cornea_of(const Columns<T>& cornea, std::size_t eye) {
-    const Index e = static_cast<Index>(eye);
-    require(cornea.rows() == 8 && cornea.cols() == 2, "eye_optics", "got corneas of ",
-            cornea.rows(), " x ", cornea.cols(), ", expected 8 x 2: see set_corneas");
-    return {cornea.template block<3, 1>(0, e), cornea(3, e), cornea.template block<3, 1>(4, e),
-            cornea(7, e)};
-}
-
-/// The corneas of both eyes, and no light yet.
-template <Real T, EffectSet E>
-    requires has_effect<E, SeesCornea>
-void set_corneas(EyeOptics<T, E>& optics, const Cornea<T>& left, const Cornea<T>& right,
-                 double index = detail::aqueous_index) {
-    optics.cornea.resize(detail::cornea_numbers, 2);
-    for (Index k = 0; k < 3; ++k) {
-        optics.cornea.row(k) << left.centre[k], right.centre[k];
-        optics.cornea.row(4 + k) << left.axis[k], right.axis[k];
-    }
-    optics.cornea.row(3) << left.radius, right.radius;
-    optics.cornea.row(7) << left.rim, right.rim;
-    if constexpr (has_effect<E, CornealRefraction>)
-        optics.index = Columns<T>::Constant(1, 2, static_cast<T>(index));
-    if constexpr (has_effect<E, Glint>) {
-        optics.light_position.resize(3, 0);
-        optics.light_intensity.resize(detail::light_channels, 0);
-        optics.light_width.resize(1, 0);
-    }
-}
-
-/// Most lights that an avatar may have.
-inline constexpr Index most_lights = 16;
-
-/// Gives the avatar so many lights, of position and intensity 0 and width 1; corneas of 0 where it
-/// has none yet.
-template <class T, EffectSet E>
-    requires has_effect<E, Glint>
-void resize_lights(EyeOptics<T, E>& optics, Index count) {
-    if (optics.cornea.size() == 0) optics.cornea.setZero(detail::cornea_numbers, 2);
-    optics.light_position.setZero(3, count);
-    optics.light_intensity.setZero(detail::light_channels, count);
-    optics.light_width.setOnes(1, count);
-}
-
-namespace detail {
-
-/// Turns an eye's cornea, where there is one, with its points.
-template <class T, EffectSet E>
-    requires has_effect<E, SeesCornea>
-void turn_cornea(EyeOptics<T, E>& optics, std::size_t eye, const Mat3<T>& rotation) {
-    if (optics.cornea.size() == 0) return;
-    const Index e = static_cast<Index>(eye);
-    for (const Index row : {Index(0), Index(4)}) {
-        const Vec3<T> x = optics.cornea.template block<3, 1>(row, e);
-        optics.cornea.template block<3, 1>(row, e) = rotation * x;
-    }
-}
-
-/// Throws an Error unless corneas and lights have the shapes that belong together.
-template <class T, EffectSet E>
-    requires has_effect<E, SeesCornea>
-void check_optics(const EyeOptics<T, E>& optics) {
-    const auto shape = [](const char* name, const Columns<T>& a, Index rows, Index cols,
-                          const char* more) {
-        require(a.rows() == rows && a.cols() == cols, "eye_optics", name, " of ", a.rows(), " x ",
-                a.cols(), ", expected ", rows, " x ", cols, more);
-    };
-    shape("got corneas", optics.cornea, cornea_numbers, 2, ": see set_corneas");
-    if constexpr (has_effect<E, Glint>) {
-        shape("got positions of lights", optics.light_position, 3, optics.lights(), "");
-        shape("got intensities of lights", optics.light_intensity, light_channels,
-              optics.lights(), "");
-        require(optics.lights() <= most_lights, "eye_optics", "got ", optics.lights(),
-                " lights, expected at most ", most_lights);
-    }
-}
-
-} // namespace detail
-
-/// Returns the views of the lights' arrays.
-template <class T, EffectSet E>
-    requires has_effect<E, Glint> detail::LightArrays<T> arrays_of(const EyeOptics<T, E>& optics) {
-        return {optics.cornea.data(), optics.light_position.data(), optics.light_intensity.data(),
-                optics.light_width.data(), optics.lights()};
-    }
 
 namespace detail {
 
 /// Intermediate results of the eyes' optics for their vjp; those of lights are empty without any.
 template <class T, EffectSet E = PaperEffects>
 struct OpticsTrace {
-    /// Each eye's points, its own frame, 3 x P.
+    /// Each eye's points, its own frame, 3 x P, where corneas refract.
     [[no_unique_address]] Slot<E, CornealRefraction, std::array<Columns<T>, 2>> seen;
     [[no_unique_address]] Slot<E, Glint, std::array<std::vector<SeenLight<T>>, 2>, 1> lights;
     std::array<EyeTransform<T>, 2> placed;
+
+    /// Returns an eye's points as they are seen; `points`: as they are.
+    const T* seen_points([[maybe_unused]] const EyeOptics<T, E>& optics,
+                         [[maybe_unused]] std::size_t eye, const T* points) const {
+        if constexpr (has_effect<E, CornealRefraction>)
+            if (optics.refracts()) return seen[eye].data();
+        return points;
+    }
 };
 
 /// Terms that the view of the corneas adds to the cotangents of the eyes' transforms.
@@ -186,6 +55,16 @@ struct ViewedEye {
     const T* points; ///< in the eye's frame, 3 x P
     Index count;     ///< P
 };
+
+/// Returns the refraction of an eye's points, 3 x P, to `seen`.
+template <class T, EffectSet E>
+    requires has_effect<E, CornealRefraction>
+RefractEyePoint<T> refraction_of(const EyeOptics<T, E>& optics,
+                                 const std::type_identity_t<ViewedEye<T>>& viewed, T* seen) {
+    const Index e = static_cast<Index>(viewed.eye);
+    return {viewed.points, optics.cornea.data() + cornea_numbers * e, optics.index.data() + e,
+            into_eye(viewed.placed, viewed.camera), seen};
+}
 
 /// Returns an eye's lights as the camera sees them.
 template <class T, EffectSet E>
@@ -243,22 +122,13 @@ const T* look_into_eye(const B& backend, const EyeOptics<T, E>& optics,
     require_camera(viewed.camera);
     check_optics(optics);
     const T* seen = viewed.points;
-    if constexpr (has_effect<E, CornealRefraction>) {
-        const RefractingCornea<T> refracting{cornea_of(optics.cornea, eye),
-                                             optics.index(0, static_cast<Index>(eye))};
-        const Vec3<T> camera = into_eye(viewed.placed, viewed.camera);
-        trace.seen[eye].resize(3, viewed.count);
-        // By maps: copies of columns cost a few instructions a point more.
-        const T* const from = viewed.points;
-        T* const to = trace.seen[eye].data();
-        const auto point = [](const T* p, Index i) { return Eigen::Map<const Vec3<T>>(p + 3 * i); };
-        for_chunks(backend.threads, viewed.count, 256, [&](Index b, Index e, Index) {
-            for (Index i = b; i < e; ++i)
-                Eigen::Map<Vec3<T>>(to + 3 * i) =
-                    seen_through<T>(refracting, camera, point(from, i));
-        });
-        seen = to;
-    }
+    if constexpr (has_effect<E, CornealRefraction>)
+        if (optics.refracts()) {
+            trace.seen[eye].resize(3, viewed.count);
+            seen = trace.seen[eye].data();
+            for_each(backend, viewed.count,
+                     refraction_of(optics, viewed, trace.seen[eye].data()));
+        }
     if constexpr (has_effect<E, Glint>) {
         trace.lights[eye] = see_lights(optics, viewed);
         add_highlights(backend, optics, viewed, trace.lights[eye], seen, channels, feature);
@@ -287,12 +157,8 @@ IntoEye<T> look_into_eye_vjp(const B& backend, const EyeOptics<T, E>& optics,
     IntoEye<T> sum;
     if constexpr (has_effect<E, Glint>) {
         const LightArrays<T> arrays = arrays_of(optics);
-        const T* seen = viewed.points;
-        T* g_seen = nullptr;
-        if constexpr (has_effect<E, CornealRefraction>) {
-            seen = trace.seen[eye].data();
-            g_seen = cotangent.seen.data();
-        }
+        const T* const seen = trace.seen_points(optics, eye, viewed.points);
+        T* const g_seen = optics.refracts() ? cotangent.seen.data() : nullptr;
         const T* const own = arrays.cornea + cornea_numbers * static_cast<Index>(eye);
         for (Index l = 0; l < arrays.count; ++l) {
             const SeenLight<T>& light = trace.lights[eye][static_cast<std::size_t>(l)];
@@ -310,14 +176,15 @@ IntoEye<T> look_into_eye_vjp(const B& backend, const EyeOptics<T, E>& optics,
                 sum.add(viewed.placed, optics.light_position.col(l), g.light);
         }
     }
-    if constexpr (has_effect<E, CornealRefraction>) {
-        const Vec3<T> camera = into_eye(viewed.placed, viewed.camera);
-        const RefractingCornea<T> refracting{cornea_of(optics.cornea, eye),
-                                             optics.index(0, static_cast<Index>(eye))};
-        for (Index i = 0; i < viewed.count; ++i)
-            seen_through_vjp<T>(refracting, camera, column3(viewed.points, i),
-                                cotangent.seen.col(i), g_camera);
-    }
+    if constexpr (has_effect<E, CornealRefraction>)
+        if (optics.refracts()) {
+            using Sums = RefractEyePointVjp<T>;
+            const SumsOf<Sums> sums =
+                sum_each(backend, viewed.count,
+                         Sums{refraction_of<T>(optics, viewed, nullptr), cotangent.seen.data()});
+            for (std::size_t k = 0; k < 3; ++k) g_camera[Index(k)] += sums[Sums::camera_at + k];
+            grad.index(0, static_cast<Index>(eye)) += sums[Sums::index_at];
+        }
     sum.add(viewed.placed, viewed.camera, g_camera);
     return sum;
 }
@@ -365,7 +232,7 @@ void eye_optics_vjp(const B& backend, const EyeOptics<T, E>& optics,
                     n = eye == 0 ? viewed.left : viewed.position.cols() - viewed.left;
         const EyeTransform<T>& placed = trace.placed[eye];
         Columns<T> g_seen;
-        if constexpr (has_effect<E, CornealRefraction>)
+        if (optics.refracts())
             g_seen = (placed.head_rotation.transpose() * placed.rotation).transpose() *
                      g.mean.middleCols(at, n); // from the head's frame into the eye's
         const IntoEye<T> into = detail::look_into_eye_vjp<T, E>(

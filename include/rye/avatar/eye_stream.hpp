@@ -162,8 +162,8 @@ detail::SumsOfEyes<T, E> eye_points_vjp(
         const Index first = eyes.first_point(e), n = eyes.points_of(e);
         const detail::ColumnRange columns{driven.begin + first, n};
         const T* points = detail::moved_points(eyes, driven.trace.pupils).data() + 3 * first;
-        if constexpr (has_effect<E, CornealRefraction>)
-            points = driven.trace.optics.seen[eye].data();
+        if constexpr (has_effect<E, SeesCornea>)
+            points = driven.trace.optics.seen_points(eyes.optics, eye, points);
         const Quat<T>* turn = nullptr;
         if constexpr (eye_turns<E, eye>) turn = &of_eye<eye>(driven.trace.turn);
         std::get<eye>(sums) =

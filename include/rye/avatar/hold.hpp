@@ -82,8 +82,7 @@ void keep_highlights(const B& backend, const EyeStream<T, E>& eyes, const Vec3<T
         const Index e = static_cast<Index>(eye), first = eyes.first_point(e);
         if (trace.lights[eye].empty()) continue;
         const T* const points = position.data() + 3 * first;
-        const T* seen = points;
-        if constexpr (has_effect<E, CornealRefraction>) seen = trace.seen[eye].data();
+        const T* const seen = trace.seen_points(eyes.optics, eye, points);
         add_highlights(backend, eyes.optics,
                        {eye, camera, trace.placed[eye], points, eyes.points_of(e)},
                        trace.lights[eye], seen, feature.rows(),
@@ -249,7 +248,12 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
     if constexpr (has_effect<E, Pupil>)
         detail::keep_pupils<Fewer>(all.eyes, trace.eyes.pupils, a.eyes);
     if constexpr (has_effect<E, CornealRefraction> && !has_effect<Fewer, CornealRefraction>)
-        a.eyes.position << trace.eyes.optics.seen[0], trace.eyes.optics.seen[1];
+        if (all.eyes.optics.refracts()) {
+            require(!lids && !EyeAppearanceOf<Fewer>::reads_inputs, "held",
+                    "shadows of lids and driven features read points before they are refracted, "
+                    "expected them left out with the refraction");
+            a.eyes.position << trace.eyes.optics.seen[0], trace.eyes.optics.seen[1];
+        }
     if constexpr (EyeAppearanceOf<E>::reads_inputs && !EyeAppearanceOf<Fewer>::reads_inputs) {
         a.eyes.feature = trace.gaussians.feature.rightCols(a.eyes.position.cols());
         if constexpr (lids) detail::before_lid_shadow(all.eyes, trace.eyes, a.eyes.feature);

@@ -159,17 +159,28 @@ void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
     shape("shading.light", light.light, light.any() ? 8 : 0, light.any() ? 3 : 0);
     shape("shading.normal", light.normal, light.any() ? 3 : 0, light.any() ? n : 0);
     shape("shading.eye_normal", light.eye_normal, light.any() ? 3 : 0, light.any() ? 2 : 0);
-    if (const EyeOptics<T, TrainedEffects>& o = e.optics; o.lights() > 0) {
+    const EyeOptics<T, TrainedEffects>& o = e.optics;
+    if (o.sees_cornea()) {
+        shape("eyes.cornea", o.cornea, cornea_numbers, 2);
+        detail::require_all_finite(who, "eyes.cornea", o.cornea);
+        require(o.cornea.row(3).minCoeff() > T(0), who,
+                "'eyes.cornea': a radius is not positive");
+    }
+    if (o.refracts()) {
+        shape("eyes.refractive_index", o.index, 1, 2);
+        for (Index eye = 0; eye < 2; ++eye)
+            require(o.index(eye) >= T(0.5) && o.index(eye) <= T(3), who,
+                    "'eyes.refractive_index': got ", o.index(eye), ", expected 0.5 to 3");
+    }
+    if (o.lights() > 0) {
         require(o.lights() <= most_lights, who, "got ", o.lights(), " lights, expected at most ",
                 most_lights);
         shape("eyes.light_position", o.light_position, 3, o.lights());
         shape("eyes.light_intensity", o.light_intensity, light_channels, o.lights());
         shape("eyes.light_width", o.light_width, 1, o.lights());
-        shape("eyes.cornea", o.cornea, cornea_numbers, 2);
-        detail::require_all_finite(who, "eyes.cornea", o.cornea);
         detail::require_all_finite(who, "eyes.light_width", o.light_width);
-        require(o.cornea.row(3).minCoeff() > T(0) && o.light_width.minCoeff() > T(0), who,
-                "'eyes.cornea' or 'eyes.light_width': a radius or a width is not positive");
+        require(o.light_width.minCoeff() > T(0), who,
+                "'eyes.light_width': a width is not positive");
     }
     if (e.has_lid_shadow()) {
         shape("eyes.lid_shadow", e.lid_shadow, lid_numbers, 2);

@@ -2,7 +2,7 @@
 /// rye/avatar/trained.hpp: the avatar that a program trains, keeps in a file and shows: one type,
 /// whatever a configuration has on. A part without parameters changes no bit and costs nothing:
 ///     eyes.kappa        empty: gazes are optical axes; else 2 x 2 [rad], gazes are visual axes
-///     eyes.optics       without lights: no highlights
+///     eyes.optics       without lights: no highlights; without an index: no refraction
 ///     eyes.lid_shadow   empty: the upper lids cast no shadow
 ///     shading           default-constructed: colours do not depend on the head's rotation
 ///     eyes.networks     default-constructed: the eyes' features are their constants
@@ -18,7 +18,8 @@ namespace rye {
 
 /// The paper's effects, and all that an avatar may be trained with beside them.
 using TrainedEffects =
-    More<PaperEffects, Kappa, Glint, Pupil, LidShadow, HeadShading, EyesBy<DrivenFeatures>>;
+    More<PaperEffects, Kappa, CornealRefraction, Glint, Pupil, LidShadow, HeadShading,
+         EyesBy<DrivenFeatures>>;
 /// Trained parameters of an avatar with any of these.
 template <class T>
 using TrainedAvatar = TwoStream<T, TrainedEffects>;

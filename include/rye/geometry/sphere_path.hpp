@@ -141,13 +141,14 @@ RYE_HD SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source,
 
 namespace detail {
 
-/// Cotangents of both ends of a path.
+/// Cotangents of both ends of a path, and of the index.
 template <Scalar T>
 struct SpherePathCotangent {
     Vec3<T> eye, source;
+    T index;
 };
 
-/// Returns the cotangents of the ends of a visible path, given that of its point Q, `at`. With the
+/// Returns the cotangents of a visible path, given that of its point Q, `at`. With the
 /// Hessian H of L on the sphere, dQ = -H^-1 (d grad L); H is kept times |Q - P|, which stays finite
 /// for a source at the surface.
 template <Scalar T>
@@ -177,6 +178,7 @@ RYE_HD SpherePathCotangent<T> sphere_path_vjp(const Vec3<T>& eye, const Vec3<T>&
     const Vec3<T> y = t * yt + b * yb;                                    // over dp
     const T along_p = dot(up, y), along_c = dot(uc, y);
     SpherePathCotangent<T> r;
+    r.index = T(0) - dp * along_p;
     for (int i = 0; i < 3; ++i) {
         r.source[i] = index * (y[i] - up[i] * along_p);
         r.eye[i] = dp / dc * (y[i] - uc[i] * along_c);

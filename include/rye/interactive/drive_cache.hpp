@@ -12,14 +12,14 @@
 ///     head pose           three of the face, the eye offset,  all; light, if the rotation changed
 ///                         both eyes' features
 ///     scale               none                                all
-///     the camera's place  none                                eyes with highlights: their colours
+///     the camera's place  none                                highlights' colours; refracted eyes
 ///     a pupil             none                                that eyeball
 ///     a lid, by any       none                                that eyeball's colours, if shadowed
 ///
-/// Features that an avatar lacks (driven eyes, light by the head's rotation, highlights, shadows of
-/// lids, any effect that its list does not name) are not computed.
-/// Memory: the rest pose; the outputs of each network; the driven Gaussians in the head and in the
-/// world; the light's gains; the eyes' colours before shadows and highlights.
+/// Features that an avatar lacks (driven eyes, light by the head's rotation, highlights, refraction,
+/// shadows of lids, any effect that its list does not name) are not computed.
+/// Memory: the rest pose; each network's outputs; the driven Gaussians in head and world; the
+/// light's gains; the eyes' colours before shadows and highlights, their points as refracted.
 #pragma once
 
 #include <functional>
@@ -119,11 +119,11 @@ class DriveCache {
     struct Changes {
         bool first = false; ///< true until the first evaluation
         std::array<bool, face_drivers> driver{};
-        bool scale = false, light = false, view = false;
+        bool scale = false, light = false, view = false, bends = false;
         std::array<bool, 2> pupil{};
         bool any() const { return moves(0) || moves(1) || driver[0] || view; }
         bool moves_all() const { return first || driver[1] || scale; }
-        bool moves(std::size_t eye) const { return moves_all() || driver[2 + eye] || pupil[eye]; }
+        bool moves(std::size_t e) const { return moves_all() || driver[2 + e] || pupil[e] || bends; }
         bool attributes() const { return driver[0] || driver[1]; }
     };
 
@@ -146,16 +146,15 @@ class DriveCache {
                 c.pupil[eye] = !same_bits(of_eye<eye>(d.pupil), of_eye<eye>(last_->pupil));
         });
         if constexpr (has_effect<E, HeadPose>) c.scale = !same_bits(d.scale, last_->scale);
-        if constexpr (has_effect<E, Glint>)
-            c.view = Highlights::shine(avatar_->eyes) && !same_bits(d.camera, last_->camera);
+        if constexpr (has_effect<E, SeesCornea>)
+            c.view = avatar_->eyes.optics.sees_cornea() && !same_bits(d.camera, last_->camera);
+        c.bends = c.view && avatar_->eyes.optics.refracts();
         return c;
     }
 
     bool has_light() const {
-        if constexpr (has_effect<E, HeadShading>)
-            return avatar_->shading.any();
-        else
-            return false;
+        if constexpr (has_effect<E, HeadShading>) return avatar_->shading.any();
+        return false;
     }
 
     /// Computes the parts that depend on no driver.
@@ -317,8 +316,9 @@ class DriveCache {
                 placed_[eye] =
                     detail::placed_eye<eye>(eyes, Vec3<T>(centre_.col(e)), drivers, head...);
             });
-            for_each(backend_, n,
-                     detail::PlaceEyePoint<T>{raw, points + 3 * first, own, &placed_[eye]});
+            const T* const seen = highlights_.see(backend_, eyes, eye, drivers.drivers,
+                                                  placed_[eye], points + 3 * first);
+            for_each(backend_, n, detail::PlaceEyePoint<T>{raw, seen, own, &placed_[eye]});
             ++work_.eyes;
         });
         const std::array<bool, 2> coloured = write_eye_features(c, drivers, moved);

@@ -9,11 +9,10 @@
 namespace rye {
 
 /// Effects whose Gaussians depend only on what a cache compares: expression, head pose, gaze,
-/// pupil, and for Glint the camera. CornealRefraction moves Gaussians with each view; the inputs of
-/// a user's own effects are not known.
+/// pupil, and for CornealRefraction and Glint the camera; the inputs of a user's own effects are not
+/// known.
 template <class E>
-concept KeptFromFrameToFrame = EffectSet<E> && !has_effect<E, CornealRefraction> &&
-    !has_own_effects<E>;
+concept KeptFromFrameToFrame = EffectSet<E> && !has_own_effects<E>;
 
 /// Work of the last update.
 struct DriveWork {

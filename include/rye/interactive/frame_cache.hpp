@@ -10,7 +10,8 @@
 ///                                          tiles of their old and new places (or whole)
 ///     expression, pose    influenced       the same, or all if many moved    the same
 ///     background          none             blending                          whole
-///     camera, dilation    highlights       whole                             whole
+///     camera, dilation    highlights,      whole                             whole
+///                         refraction
 ///
 /// Every image equals that of drive(), Rasterizer::forward and upsampler_forward, bit for bit.
 /// Memory: see bytes().

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/interactive/kept_highlights.hpp: the highlights of an avatar's eyes and the shadows of the
-/// lids, which change with the lids and with the camera: the colours before them are kept, so that
-/// another view evaluates no network.
+/// rye/interactive/kept_highlights.hpp: the highlights of an avatar's eyes, the shadows of the lids
+/// and the refraction of the irises, which change with the lids and with the camera: the colours
+/// before them are kept, so that another view evaluates no network.
 #pragma once
 
 #include <array>
@@ -10,8 +10,8 @@
 
 namespace rye::detail {
 
-/// Colours of both eyes before highlights and shadows. Empty, and nothing is done, for an avatar
-/// without lights and shadows of lids.
+/// Colours of both eyes before highlights and shadows, and their points as refracted. Empty, and
+/// nothing is done, for an avatar without lights, refraction and shadows of lids.
 template <class T, EffectSet E>
 class KeptHighlights {
   public:
@@ -44,6 +44,25 @@ class KeptHighlights {
         return differs;
     }
 
+    /// Returns an eye's points as the camera sees them; `points`: as its pupil moves them. Valid
+    /// until the next call for that eye.
+    template <Backend B>
+    const T* see([[maybe_unused]] const B& backend, [[maybe_unused]] const EyeStream<T, E>& eyes,
+                 [[maybe_unused]] std::size_t eye, [[maybe_unused]] const Drivers<T, E>& drivers,
+                 [[maybe_unused]] const EyeTransform<T>& placed, const T* points) {
+        if constexpr (has_effect<E, CornealRefraction>)
+            if (eyes.optics.refracts()) {
+                require_camera(drivers.camera);
+                check_optics(eyes.optics);
+                const Index n = eyes.points_of(static_cast<Index>(eye));
+                seen_[eye].resize(3, n);
+                const ViewedEye<T> viewed{eye, drivers.camera, placed, points, n};
+                for_each(backend, n, refraction_of(eyes.optics, viewed, seen_[eye].data()));
+                return seen_[eye].data();
+            }
+        return points;
+    }
+
     /// Adds an eye's highlights and shadow to its columns of `feature`, of which `begin` is the
     /// first of both eyes'. `points`: that eye's. `fresh`: the columns have been written since;
     /// else they begin with what they were then.
@@ -65,8 +84,11 @@ class KeptHighlights {
                 require_camera(drivers.camera);
                 check_optics(eyes.optics);
                 const ViewedEye<T> viewed{eye, drivers.camera, placed, points, n};
-                add_highlights(backend, eyes.optics, viewed, see_lights(eyes.optics, viewed),
-                               points, feature.rows(), own.data());
+                const T* seen = points;
+                if constexpr (has_effect<E, CornealRefraction>)
+                    if (eyes.optics.refracts()) seen = seen_[eye].data();
+                add_highlights(backend, eyes.optics, viewed, see_lights(eyes.optics, viewed), seen,
+                               feature.rows(), own.data());
             }
         if constexpr (has_effect<E, LidShadow>)
             if (eyes.has_lid_shadow())
@@ -75,10 +97,16 @@ class KeptHighlights {
                                           nullptr});
     }
     /// Returns how many numbers are kept.
-    Index size() const { return plain_.size(); }
+    Index size() const {
+        if constexpr (has_effect<E, CornealRefraction>)
+            return plain_.size() + seen_[0].size() + seen_[1].size();
+        return plain_.size();
+    }
 
   private:
     Columns<T> plain_; ///< C x P
+    /// Each eye's points, its own frame, 3 x P.
+    [[no_unique_address]] Slot<E, CornealRefraction, std::array<Columns<T>, 2>, 1> seen_;
     [[no_unique_address]] Slot<E, LidShadow, FrameLids<T>> lids_;
 };
 

@@ -91,7 +91,7 @@ void avatar_arrays(A& avatar, F&& f) {
             return;
         f("avatar." + name, a,
           name.ends_with(".xyz") || name == "eyes.kappa" || name == "eyes.light_position" ||
-              name == "eyes.lid_shadow");
+              name == "eyes.refractive_index" || name == "eyes.lid_shadow");
     };
     P::fields(visit, avatar);
     P::buffers(

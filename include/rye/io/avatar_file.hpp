@@ -26,11 +26,11 @@ namespace rye {
 
 /// Name of the format in the file's metadata.
 inline constexpr const char* avatar_format = "rye-avatar";
-/// Version of the format that is written for avatars whose lids cast shadows; others are of version
-/// 3, whose readers know none. Readers also accept version 2, whose avatars have no
-/// highlights, and version 1, whose avatars have no light and no driven eyes either, and a separate
-/// kappa.
-inline constexpr const char* avatar_version = "4";
+/// Version of the format that is written for avatars whose corneas refract. Those without are of
+/// version 4 if their lids cast shadows, else of version 3, whose readers know neither. Readers also
+/// accept version 2, whose avatars have no highlights, and version 1, whose avatars have no light
+/// and no driven eyes either, and a separate kappa.
+inline constexpr const char* avatar_version = "5";
 
 /// How an avatar file stores parameters other than positions.
 enum class AvatarPrecision {
@@ -119,9 +119,10 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
                                   scalars);
 
     const AvatarSettings settings{p.config, p.avatar.upsampler.shape}; // named, for nvcc
+    const bool lids = p.avatar.eyes.has_lid_shadow(), refracts = p.avatar.eyes.optics.refracts();
     TensorMetadata metadata{
         {"format", avatar_format},
-        {"version", p.avatar.eyes.has_lid_shadow() ? avatar_version : "3"},
+        {"version", refracts ? avatar_version : lids ? "4" : "3"},
         {"name", p.name},
         {"settings", detail::settings_text(settings)},
         {"gaze_axis", p.visual_axes() ? "visual" : "optical"},
@@ -131,7 +132,8 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
         {"left_eye_points", std::to_string(p.avatar.eyes.points_of(0))},
         {"expression_names", detail::names_text(p.expression_names)},
     };
-    if (p.avatar.eyes.has_lid_shadow()) metadata["lid_shadow"] = "lids";
+    if (refracts) metadata["refraction"] = "cornea";
+    if (lids || refracts) metadata["lid_shadow"] = lids ? "lids" : "none";
     std::uint64_t bytes = 0;
     for (const TensorEntry& t : entries) bytes += t.bytes.size();
     write_safetensors(path, std::move(entries), std::move(metadata));
@@ -151,10 +153,10 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
             ", expected '", avatar_format,
             "'; `rye export --run RUN --out NAME.avatar` writes such a file");
     const bool first = file.word("version") == "1", second = file.word("version") == "2",
-               third = file.word("version") == "3";
-    require(first || second || third || file.word("version") == avatar_version, who,
-            "metadata 'version': got '", file.word("version"), "', expected '1', '2', '3' or '",
-            avatar_version, "'");
+               third = file.word("version") == "3", fourth = file.word("version") == "4";
+    require(first || second || third || fourth || file.word("version") == avatar_version, who,
+            "metadata 'version': got '", file.word("version"),
+            "', expected '1', '2', '3', '4' or '", avatar_version, "'");
     require(file.checked(), who, "the metadata 'checksum' is missing");
     PlayableAvatar<T> p;
     p.name = file.word("name");
@@ -176,6 +178,9 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     const bool lids =
         !first && !second && !third &&
         detail::has_part(file, who, "lid_shadow", {"none", "lids"}, "avatar.eyes.lid_shadow");
+    const bool refracts = file.word("version") == avatar_version &&
+                          detail::has_part(file, who, "refraction", {"none", "cornea"},
+                                           "avatar.eyes.refractive_index");
     // Layers and parts without numbers, to be replaced by the file's.
     detail::each_network(p.avatar, p.config, driven,
                          [](const std::string&, auto& net, const MlpShape& s) {
@@ -192,6 +197,7 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
                 ", expected (1 to ", most_lights, ", 3)");
         resize_lights(p.avatar.eyes.optics, got[0]);
     }
+    if (refracts) set_refraction(p.avatar.eyes.optics, 1);
     if (lids) p.avatar.eyes.lid_line.resize(3, 2);
     p.avatar.upsampler.shape = settings.upsampler;
     p.avatar.upsampler.conv.resize(static_cast<std::size_t>(settings.upsampler.layers()));

@@ -25,6 +25,9 @@ namespace detail {
 
 /// Refractive index of the aqueous humour relative to air (Gullstrand).
 inline constexpr double aqueous_index = 1.336;
+/// Refractive index of the cornea's own tissue relative to air (Gullstrand): that of rendered
+/// captures, and the one that a trained avatar begins with.
+inline constexpr double corneal_index = 1.376;
 /// Cosine of the angle of incidence below which a highlight fades.
 inline constexpr double mirror_grazing = 0.3;
 /// Width of the rim on which a highlight fades, over the corneal radius.
@@ -80,10 +83,19 @@ RYE_HD Vec3<T> seen_through(const RefractingCornea<T>& refracting, const Vec3<T>
     return c.centre + detail::beyond(path.at, eye, source);
 }
 
-/// Returns the cotangent of the point; adds the camera's to g_camera.
+/// Cotangents of what is the same for all points behind a cornea.
+template <Scalar T>
+struct SeenThroughGradient {
+    Vec3<T> camera;
+    T index;
+};
+
+/// Returns the cotangent of the point; adds those of camera and index to `sum`. The rim does not
+/// move with the index; at an index of 1, where nothing is refracted, its cotangent is 0.
 template <Scalar T>
 RYE_HD Vec3<T> seen_through_vjp(const RefractingCornea<T>& refracting, const Vec3<T>& camera,
-                                const Vec3<T>& point, const Vec3<T>& g, Vec3<T>& g_camera) {
+                                const Vec3<T>& point, const Vec3<T>& g,
+                                SeenThroughGradient<T>& sum) {
     if (!detail::behind_cornea(refracting, camera, point)) return g;
     const Cornea<T>& c = refracting.cornea;
     const T& index = refracting.index;
@@ -102,7 +114,7 @@ RYE_HD Vec3<T> seen_through_vjp(const RefractingCornea<T>& refracting, const Vec
         Vec3<T> r(T(0), T(0), T(0));
         for (int i = 0; i < 3; ++i)
             for (int k = 0; k < 3; ++k) {
-                g_camera[k] += g[i] * a[i].d[static_cast<std::size_t>(k)];
+                sum.camera[k] += g[i] * a[i].d[static_cast<std::size_t>(k)];
                 r[k] += g[i] * a[i].d[static_cast<std::size_t>(3 + k)];
             }
         return r;
@@ -118,9 +130,10 @@ RYE_HD Vec3<T> seen_through_vjp(const RefractingCornea<T>& refracting, const Vec
     }
     const detail::SpherePathCotangent<T> ends =
         detail::sphere_path_vjp(eye, source, {c.radius, index}, path.at, g_at);
+    sum.index += ends.index;
     Vec3<T> r;
     for (int i = 0; i < 3; ++i) {
-        g_camera[i] += ends.eye[i] - turn[i];
+        sum.camera[i] += ends.eye[i] - turn[i];
         r[i] = ends.source[i] - up[i] * along;
     }
     return r;

@@ -72,6 +72,7 @@ struct AvatarRates {
     double light_intensity = 1e-3; ///< of highlights, for avatars with lights
     double light_position = 0;  ///< of the lights, in world units; 0 keeps them where they are
     double lid_shadow = 3e-2;   ///< of the lids' shadows, for avatars with them
+    double refractive_index = 0; ///< of each cornea, for avatars that refract; 0 keeps it
     double deform = 1e-4;       ///< displacement networks of the face
 
     /// Returns the number of the optimiser's steps in which a parameter rests at first.
@@ -92,6 +93,7 @@ struct AvatarRates {
         if (name == "eyes.light_intensity") return light_intensity;
         if (name == "eyes.light_position") return light_position;
         if (name == "eyes.lid_shadow") return lid_shadow;
+        if (name == "eyes.refractive_index") return refractive_index;
         if (name.find("_deform") != std::string::npos) return deform;
         const std::string last = name.substr(name.rfind('.') + 1);
         if (last == "xyz") return position;

@@ -13,9 +13,6 @@ namespace rye {
 /// The encoding that kernels know; other encodings run on the host only.
 template <class E>
 concept EncodedByDevice = std::same_as<detail::EncodingOf<E>, PositionalEncoding>;
-/// Refraction by a cornea runs on the host only.
-template <class E>
-concept RefractsNothing = !has_effect<E, CornealRefraction>;
 /// Whether a gaze mechanism or an eye appearance has kernels: a specialisation of
 /// DeviceGazeMechanism or DeviceEyeAppearance (avatar/cuda/eye_parts.hpp). Set it where the part is
 /// defined, before any avatar that has it.
@@ -55,7 +52,7 @@ inline constexpr bool all_have_kernels = false;
 template <class... X>
 inline constexpr bool all_have_kernels<Effects<X...>> =
     (is_part_or_one_of<X, Expression, HeadPose, PoseResidual, LeftGaze, RightGaze, EyeOffset, Kappa,
-                       Periocular, CornealBulge, Glint, Pupil, LidShadow, HeadShading> &&
+                       Periocular, CornealBulge, CornealRefraction, Glint, Pupil, LidShadow, HeadShading> &&
      ...);
 
 } // namespace detail
@@ -66,7 +63,7 @@ concept EachHasKernels = detail::all_have_kernels<E>;
 /// Effects that have kernels on a device: a list of others does not compile. Metrics of influence
 /// and the networks' activation may be a user's.
 template <class E>
-concept DeviceEffects = EffectSet<E> && EncodedByDevice<E> && RefractsNothing<E> &&
-    HasPartsOfDevice<E> && EachHasKernels<E>;
+concept DeviceEffects = EffectSet<E> && EncodedByDevice<E> && HasPartsOfDevice<E> &&
+    EachHasKernels<E>;
 
 } // namespace rye

@@ -17,7 +17,32 @@ namespace detail {
 struct DeviceEyePoints {
     const float* position; ///< in the eyeball's frame, 3 x P
     Index count, left;     ///< P, and how many of them are the left eye's
+    const float* seen;     ///< as the camera sees them through the corneas, 3 x P
+    float* g_seen;         ///< their cotangents, added to; null if the corneas do not refract
 };
+
+/// Adds the cotangents of an eye's transform to the sums over the eye's points, `to`.
+template <EffectSet E, int eye>
+RYE_DEVICE void add_into_eye_sums(const IntoEye<float>& into, const DeviceFrameState& frame,
+                                  float* to) {
+    using Places = EyeSums<E, eye>;
+    Vec3<float> translation(0.0F, 0.0F, 0.0F);
+    if constexpr (has_effect<E, HeadPose>) translation = frame.head.translation;
+    const PlacedEyeCotangent<float> g = placed_eye_vjp<float>(into, frame.eye[eye], translation);
+    if constexpr (has_effect<E, HeadPose>) {
+        HeadTransformGradient<float> head;
+        head.rotation = g.head_rotation;
+        head.translation = g.head_translation;
+        add_head_sums(head, to, Places::head_at);
+    }
+    if constexpr (Places::turn) {
+        TurnCotangent<float> turn;
+        turn.rotation = g.turn;
+        add_turn_sums(turn, to, Places::turn_at);
+    }
+    if constexpr (has_effect<E, EyeOffset>)
+        for (int k = 0; k < 3; ++k) to[Places::centre_at + k] += g.centre[k];
+}
 
 /// Sets the lights as the camera sees them in each eye, the left eye's first.
 struct SeeLightsKernel {
@@ -121,31 +146,13 @@ struct HighlightsVjpKernel {
     }
     template <int eye>
     RYE_DEVICE void of_eye_sums() const {
-        using Places = EyeSums<E, eye>;
         IntoEye<float> sum;
         for (int l = 0; l < int(lights.count); ++l) {
             const IntoEye<float>& own = apart[eye * int(lights.count) + l].eye;
             sum.rotation += own.rotation;
             sum.translation += own.translation;
         }
-        Vec3<float> translation(0.0F, 0.0F, 0.0F);
-        if constexpr (has_effect<E, HeadPose>) translation = frame->head.translation;
-        const PlacedEyeCotangent<float> g =
-            placed_eye_vjp<float>(sum, frame->eye[eye], translation);
-        float* const to = eye_sums + eye * Places::room;
-        if constexpr (has_effect<E, HeadPose>) {
-            HeadTransformGradient<float> head;
-            head.rotation = g.head_rotation;
-            head.translation = g.head_translation;
-            add_head_sums(head, to, Places::head_at);
-        }
-        if constexpr (Places::turn) {
-            TurnCotangent<float> turn;
-            turn.rotation = g.turn;
-            add_turn_sums(turn, to, Places::turn_at);
-        }
-        if constexpr (has_effect<E, EyeOffset>)
-            for (int k = 0; k < 3; ++k) to[Places::centre_at + k] += g.centre[k];
+        add_into_eye_sums<E, eye>(sum, *frame, eye_sums + eye * EyeSums<E, eye>::room);
     }
 };
 
@@ -186,7 +193,7 @@ class DeviceHighlights {
         const LightArrays<float> lights = arrays(of);
         device_.launch(queue, 1, SeeLightsKernel{lights, camera, frame, seen_.data()});
         launch_each(device_, queue, points.count,
-                    HighlightBothEyes{{{points.position, points.position, cornea_.data()},
+                    HighlightBothEyes{{{points.position, points.seen, cornea_.data()},
                                        seen_.data(),
                                        lights.intensity,
                                        lights.count,
@@ -207,15 +214,17 @@ class DeviceHighlights {
                 const Index first = eye == 0 ? 0 : points.left,
                             n = eye == 0 ? points.left : points.count - points.left,
                             at = eye * lights.count + l;
-                const float* const own = points.position + 3 * first;
+                float* const g_seen =
+                    points.g_seen == nullptr ? nullptr : points.g_seen + 3 * first;
                 sums_.launch(
                     queue, n,
-                    LightEyePointVjp<float>{{own, own, cornea_.data() + cornea_numbers * eye},
+                    LightEyePointVjp<float>{{points.position + 3 * first, points.seen + 3 * first,
+                                             cornea_.data() + cornea_numbers * eye},
                                             seen_.data() + at,
                                             lights.intensity + light_channels * l,
                                             g.rows,
                                             g.data + g.rows * first,
-                                            nullptr},
+                                            g_seen},
                     {light_sums_.data() + light_room * at});
             }
         device_.launch(

@@ -11,6 +11,7 @@
 #include <rye/avatar/cuda/eye_highlights.hpp>
 #include <rye/avatar/cuda/eye_lids.hpp>
 #include <rye/avatar/cuda/eye_points.hpp>
+#include <rye/avatar/cuda/eye_refraction.hpp>
 #include <rye/avatar/cuda/field.hpp>
 #include <rye/avatar/cuda/gaze_mechanisms.hpp>
 
@@ -50,6 +51,9 @@ class DeviceEyeStream {
         if constexpr (has_effect<E, Glint>)
             highlights_ =
                 std::make_unique<detail::DeviceHighlights<E, Device>>(device, host.optics);
+        if constexpr (has_effect<E, CornealRefraction>)
+            refraction_ =
+                std::make_unique<detail::DeviceRefraction<E, Device>>(device, host.optics);
         if constexpr (has_effect<E, LidShadow>)
             lids_ = std::make_unique<detail::DeviceLids<E, Device>>(device, host);
         if constexpr (has_effect<E, EyeOffset>)
@@ -65,6 +69,7 @@ class DeviceEyeStream {
         camera_ = drivers + at.camera;
         if constexpr (has_effect<E, LidShadow>) lids_->set_fixed(queue, face);
         if constexpr (has_effect<E, Glint>) highlights_->set_fixed(queue);
+        if constexpr (has_effect<E, CornealRefraction>) refraction_->set_fixed(queue, count());
         const auto put = [&](DeviceBuffer<float>& to, const Columns<float>& a) {
             to.reserve(queue, static_cast<std::size_t>(a.size()) + 1);
             device_.send(queue, to.data(), a.data(),
@@ -131,9 +136,11 @@ class DeviceEyeStream {
             place.turns = mechanism_->turns();
         }
         device_.launch(queue, 1, place);
+        if constexpr (has_effect<E, CornealRefraction>)
+            refraction_->see_into(queue, of, camera_, frame, points(), pupils_);
         launch_each(device_, queue, count(),
                     detail::DriveBothEyes<E>{
-                        {{arrays_at(of), moved_points(), to, &frame->eye[0]}, &frame->head},
+                        {{arrays_at(of), seen_points(), to, &frame->eye[0]}, &frame->head},
                         host_->points_of(0),
                         pupils_});
         appearance_.features_into(queue, of, frame_, to.feature, keep);
@@ -187,8 +194,14 @@ class DeviceEyeStream {
         appearance_.vjp_into(queue, of, to, parts, g_feature);
         points_vjp<0>(queue, {arrays_at(of), arrays_at(to)}, frame, cotangent);
         points_vjp<1>(queue, {arrays_at(of), arrays_at(to)}, frame, cotangent);
+        detail::DeviceEyePoints seen = points();
+        if constexpr (has_effect<E, CornealRefraction>)
+            seen.g_seen = refraction_->into_eyes(queue, frame, seen, cotangent.g.mean.data);
         if constexpr (has_effect<E, Glint>)
-            highlights_->vjp_into(queue, of, to, camera_, frame, points(), g_feature,
+            highlights_->vjp_into(queue, of, to, camera_, frame, seen, g_feature,
+                                  const_cast<float*>(sums(0)));
+        if constexpr (has_effect<E, CornealRefraction>)
+            refraction_->vjp_into(queue, of, to, camera_, frame, seen,
                                   const_cast<float*>(sums(0)));
         if constexpr (has_effect<E, LidShadow>)
             lids_->add_places_into(queue, const_cast<float*>(sums(0)));
@@ -236,6 +249,7 @@ class DeviceEyeStream {
                           appearance_.bytes();
         if constexpr (detail::own_turn<E>) sum += mechanism_->bytes();
         if constexpr (has_effect<E, Glint>) sum += highlights_->bytes();
+        if constexpr (has_effect<E, CornealRefraction>) sum += refraction_->bytes();
         if constexpr (has_effect<E, LidShadow>) sum += lids_->bytes();
         if constexpr (detail::axes_are_trained<E>) sum += g_axis_.bytes();
         if constexpr (has_effect<E, EyeOffset>) sum += offset_->bytes();
@@ -266,8 +280,14 @@ class DeviceEyeStream {
         if constexpr (has_effect<E, Pupil>) return moved_.data();
         return position_.data();
     }
+    /// The same as the camera of the last frame sees them.
+    const float* seen_points() const {
+        if constexpr (has_effect<E, CornealRefraction>)
+            if (host_->optics.refracts()) return refraction_->seen();
+        return moved_points();
+    }
     detail::DeviceEyePoints points() const {
-        return {moved_points(), count(), host_->points_of(0)};
+        return {moved_points(), count(), host_->points_of(0), seen_points(), nullptr};
     }
     template <class Of>
     void add_highlights_into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const Of& of,
@@ -287,7 +307,7 @@ class DeviceEyeStream {
         sums_.launch(
             queue, n,
             detail::EyePointVjp<float, E, eye>{
-                all.raw.from(first), all.gradient.from(first), moved_points() + 3 * first,
+                all.raw.from(first), all.gradient.from(first), seen_points() + 3 * first,
                 detail::columns_from(cotangent.world, {first, n}),
                 detail::columns_from(cotangent.g, {first, n}), &frame->head, &frame->turn[eye]},
             {const_cast<float*>(sums(eye))});
@@ -304,6 +324,9 @@ class DeviceEyeStream {
     [[no_unique_address]] detail::Slot<E, Glint,
                                        std::unique_ptr<detail::DeviceHighlights<E, Device>>, 1>
         highlights_;
+    [[no_unique_address]] detail::Slot<E, CornealRefraction,
+                                       std::unique_ptr<detail::DeviceRefraction<E, Device>>, 1>
+        refraction_;
     [[no_unique_address]] detail::Slot<E, LidShadow, std::unique_ptr<detail::DeviceLids<E, Device>>,
                                        1>
         lids_;

@@ -141,8 +141,8 @@ class DeviceTwoStream {
     std::vector<float> packed(const Drivers<float, E>& drivers, Index column,
                               SeenBy<float> seen) const {
         if (!corrects_views()) seen = {};
-        if constexpr (has_effect<E, Glint>)
-            if (host_.eyes.optics.lights() > 0) detail::require_camera(drivers.camera);
+        if constexpr (has_effect<E, SeesCornea>)
+            if (host_.eyes.optics.sees_cornea()) detail::require_camera(drivers.camera);
         if constexpr (has_effect<E, Pupil>)
             static_cast<void>(detail::pupil_maps(host_.eyes, drivers));
         require(seen.column < cameras(), "DeviceTwoStream", "column of delta_view is ",
