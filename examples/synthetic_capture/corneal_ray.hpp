@@ -12,8 +12,8 @@ namespace rye::trainer {
 
 /// Returns how far the centre of the corneal sphere is in front of the eyeball's.
 inline double cornea_ahead(const Eyeball& eye) {
-    return eye.iris_plane() - std::sqrt(eye.cornea_radius * eye.cornea_radius -
-                                        eye.limbus_radius * eye.limbus_radius);
+    return eye.iris_plane() -
+           std::sqrt(eye.cornea_radius * eye.cornea_radius - eye.limbus_radius * eye.limbus_radius);
 }
 
 /// Returns the point of the iris' disc that a ray from outside sees, bent by Snell's law where it

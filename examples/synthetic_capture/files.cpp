@@ -142,9 +142,10 @@ Json pair(const Vec2<double>& v) { return {rounded(v.x(), 2), rounded(v.y(), 2)}
 
 Json conventions(int size, bool refraction) {
     const std::string edge = std::to_string(size);
-    const std::string seen = refraction ? "; that is where it is, and it is seen through the cornea "
-                                          "of `refraction`, elsewhere and larger"
-                                        : ", seen without refraction";
+    const std::string seen = refraction
+                                 ? "; that is where it is, and it is seen through the cornea "
+                                   "of `refraction`, elsewhere and larger"
+                                 : ", seen without refraction";
     return {
         {"world",
          "right-handed; with identity pose x = subject left, y up, z out of the face "

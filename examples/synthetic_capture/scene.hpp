@@ -34,7 +34,7 @@ struct CaptureSettings {
     double eye_translation_mm = 0;
     bool png = false;           ///< images are written as PNG, else as JPEG
     std::optional<std::vector<Softbox>> softboxes = {}; ///< instead of usual_softboxes()
-    bool refraction = false;    ///< irises are seen through corneas of detail::corneal_index
+    bool refraction = false; ///< irises are seen through corneas of detail::corneal_index
     /// Refractive index behind the corneas, 1 without refraction.
     double corneal_index() const { return refraction ? detail::corneal_index : 1; }
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernels of driven features, refraction, highlights, shadows of lids and shading, run by a device's emulation
-// on the host.
+// Kernels of driven features, refraction, highlights, shadows of lids and shading, run by a
+// device's emulation on the host.
 #include "../cuda/avatar_cases.hpp"
 #include "../cuda/emulated.hpp"
 

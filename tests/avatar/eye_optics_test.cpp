@@ -65,9 +65,9 @@ TEST_CASE("without an index corneas refract nothing, ask for no camera and have 
     CHECK(!drivers.camera.allFinite());
     const TwoStreamTrace<double, E> plain = driven(avatar, drivers);
     const auto rest = driven(restricted<AllEffects>(avatar), restricted<AllEffects>(drivers));
-    Gaussians<double>::fields([](const std::string& name, const auto& a,
-                                 const auto& b) { CHECK_MESSAGE(a == b, name); },
-                              plain.gaussians, rest.gaussians);
+    Gaussians<double>::fields(
+        [](const std::string& name, const auto& a, const auto& b) { CHECK_MESSAGE(a == b, name); },
+        plain.gaussians, rest.gaussians);
     CHECK(!(plain.gaussians.mean == refracted.gaussians.mean));
     const auto none = [](const std::string& name, const auto&) {
         CHECK_MESSAGE(name.find("eyes.cornea") == std::string::npos, name);

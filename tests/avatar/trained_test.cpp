@@ -183,8 +183,10 @@ TEST_CASE("held with fewer effects a trained avatar looks the same, highlights d
         };
         CHECK(gap(Less<TrainedEffects, Glint>{}) <= 1e-12);
         using Straight = Less<TrainedEffects, CornealRefraction, Pupil>;
-        if (lit) CHECK_THROWS_AS(gap(Straight{}), Error);
-        else CHECK(gap(Straight{}) <= 1e-12);
+        if (lit)
+            CHECK_THROWS_AS(gap(Straight{}), Error);
+        else
+            CHECK(gap(Straight{}) <= 1e-12);
         CHECK(gap(Less<Straight, LidShadow, EyesBy<DrivenFeatures>>{}) <= 1e-12);
         CHECK(gap(Less<TrainedEffects, PoseResidual>{}) <= 1e-12);
         CHECK(gap(Effects<HeadPose, CornealBulge, Glint, HeadShading>{}) <= 1e-12);
@@ -198,11 +200,10 @@ TEST_CASE("held with fewer effects a trained avatar looks the same, highlights d
 TEST_CASE("tensors of a trained avatar have a checkpoint's names; what is off has none") {
     auto a = avatar_of_trained();
     const auto all = fields_of(a);
-    for (const char* name :
-         {"eyes.feature", "eyes.kappa", "eyes.left_appearance_mlp.conv0.weight",
-          "eyes.right_appearance_mlp.conv2.bias", "eyes.light_position", "eyes.light_intensity",
-          "eyes.refractive_index", "eyes.lid_shadow", "shading.light", "shading.normal",
-          "shading.eye_normal"})
+    for (const char* name : {"eyes.feature", "eyes.kappa", "eyes.left_appearance_mlp.conv0.weight",
+                             "eyes.right_appearance_mlp.conv2.bias", "eyes.light_position",
+                             "eyes.light_intensity", "eyes.refractive_index", "eyes.lid_shadow",
+                             "shading.light", "shading.normal", "shading.eye_normal"})
         CHECK_MESSAGE(all.count(name) == 1, name);
     a.eyes.kappa = {};
     a.shading = {};

@@ -236,8 +236,8 @@ void mechanisms_against_host(const Device& device, const CudaQueue& queue) {
     check(More<Still, EyesBy<ConditionedFeatures>>{});
     check(More<Still, EyesBy<RotatedCode>>{});
 }
-/// Driven features, refraction, pupils, shadows of lids and shading, with kappa, a frame's correction of its
-/// pose and everything read.
+/// Driven features, refraction, pupils, shadows of lids and shading, with kappa, a frame's
+/// correction of its pose and everything read.
 using LitEffects = More<AllEffects, CornealRefraction, Glint, Pupil, LidShadow, HeadShading,
                         EyesBy<DrivenFeatures>>;
 

@@ -38,11 +38,10 @@ PlayableAvatar<float> parse(const Bytes& bytes) { return parse_avatar<float>(byt
 TEST_CASE(
     "avatar file: full precision is read back bit for bit, without what only training needs") {
     const TemporaryFolder folder;
-    for (const TinyParts& parts :
-         {TinyParts{}, TinyParts{.visual = true}, TinyParts{.light = true},
-          TinyParts{.driven_eyes = true}, TinyParts{.highlights = true},
-          TinyParts{.lid_shadow = true}, TinyParts{.refraction = true},
-          TinyParts{true, true, true, true}}) {
+    for (const TinyParts& parts : {TinyParts{}, TinyParts{.visual = true}, TinyParts{.light = true},
+                                   TinyParts{.driven_eyes = true}, TinyParts{.highlights = true},
+                                   TinyParts{.lid_shadow = true}, TinyParts{.refraction = true},
+                                   TinyParts{true, true, true, true}}) {
         const PlayableAvatar<float> p = tiny_playable(parts);
         const std::filesystem::path path = folder.path / "a.avatar";
         write_avatar(path, p, AvatarPrecision::full);
@@ -319,8 +318,8 @@ TEST_CASE("avatar file: lids that cast shadows make a file of version 4, read as
 TEST_CASE("avatar file: corneas that refract make a file of version 5, read as it was written") {
     const TemporaryFolder folder;
     for (const bool all : {false, true}) {
-        PlayableAvatar<float> p = tiny_playable(
-            TinyParts{.highlights = all, .lid_shadow = all, .refraction = true});
+        PlayableAvatar<float> p =
+            tiny_playable(TinyParts{.highlights = all, .lid_shadow = all, .refraction = true});
         write_avatar(folder.path / "a", p);
         CHECK(read_safetensors(folder.path / "a").word("version") == "5");
         const PlayableAvatar<float> q = read_avatar<float>(folder.path / "a");

@@ -135,9 +135,8 @@ TEST_CASE("refraction: the cotangent of the index is its duals', and that of fin
             SeenThroughGradient<double> sum{V::Zero(), 2.5};
             seen_through_vjp<double>({c, index}, camera, iris, g, sum);
             CHECK(sum.index - 2.5 == doctest::Approx(dual).epsilon(1e-9));
-            const bool lit = sphere_path(V(camera - c.centre), V(iris - c.centre),
-                                         {c.radius, index})
-                                 .seen;
+            const bool lit =
+                sphere_path(V(camera - c.centre), V(iris - c.centre), {c.radius, index}).seen;
             (lit ? seen : rim) += 1;
             if (lit && std::abs(dual) > 1e-3)
                 CHECK(sum.index - 2.5 ==

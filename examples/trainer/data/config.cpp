@@ -408,9 +408,10 @@ void check(const TrainConfig& c, const std::string& source) {
         source, "field 'avatar.gaze_mechanism': got \"", [&] { return word_of(c.gaze_mechanism); },
         "\", expected \"rotation\", as eye_appearance is \"",
         [&] { return word_of(c.eye_appearance); }, "\"");
-    require(c.gaze_mechanism == GazeMechanismName::rotation || !c.refraction, source,
-            "field 'avatar.gaze_mechanism': got \"", [&] { return word_of(c.gaze_mechanism); },
-            "\", expected \"rotation\", as refraction is true");
+    require(
+        c.gaze_mechanism == GazeMechanismName::rotation || !c.refraction, source,
+        "field 'avatar.gaze_mechanism': got \"", [&] { return word_of(c.gaze_mechanism); },
+        "\", expected \"rotation\", as refraction is true");
 }
 
 /// Returns networks with fewer operations: the shapes of the paper's, narrower.

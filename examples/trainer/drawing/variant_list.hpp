@@ -37,8 +37,9 @@ struct GazeVariant
     static constexpr std::string_view name = "gaze";
 };
 /// A camera that moves around a head that does not.
-struct StillVariant : AvatarVariant<Effects<HeadPose, CornealBulge, CornealRefraction, Glint,
-                                            LidShadow, HeadShading>> {
+struct StillVariant
+    : AvatarVariant<
+          Effects<HeadPose, CornealBulge, CornealRefraction, Glint, LidShadow, HeadShading>> {
     static constexpr std::string_view name = "still";
 };
 

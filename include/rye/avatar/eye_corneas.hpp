@@ -25,7 +25,7 @@ struct EyeOptics {
     [[no_unique_address]] detail::Slot<E, SeesCornea, Columns<T>> cornea;
     /// Refractive index behind each cornea, 1 x 2; or empty: nothing is refracted.
     [[no_unique_address]] detail::Slot<E, CornealRefraction, Columns<T>> index;
-    [[no_unique_address]] detail::Slot<E, Glint, Columns<T>> light_position;    ///< world, 3 x L
+    [[no_unique_address]] detail::Slot<E, Glint, Columns<T>> light_position; ///< world, 3 x L
     /// Colour that a light's highlight adds to the first channels at its middle, 3 x L.
     [[no_unique_address]] detail::Slot<E, Glint, Columns<T>, 1> light_intensity;
     /// Fixed: the deviation of a light's lobe [rad], 1 x L (rig/cornea.hpp). Gaussians that are
@@ -66,12 +66,11 @@ struct EyeOptics {
 
 /// The cornea of an eyeball's shape.
 template <Real T, EffectSet S>
-    requires has_effect<S, CornealBulge>
-Cornea<T> cornea_of(const BasicEyeballShape<S>& shape) {
-    return {Vec3<T>(T(0), T(0), static_cast<T>(shape.cornea_offset)),
-            static_cast<T>(shape.cornea_radius), Vec3<T>(T(0), T(0), T(1)),
-            static_cast<T>(shape.limbus_plane())};
-}
+    requires has_effect<S, CornealBulge> Cornea<T> cornea_of(const BasicEyeballShape<S>& shape) {
+        return {Vec3<T>(T(0), T(0), static_cast<T>(shape.cornea_offset)),
+                static_cast<T>(shape.cornea_radius), Vec3<T>(T(0), T(0), T(1)),
+                static_cast<T>(shape.limbus_plane())};
+    }
 
 /// The cornea of an eye (0: the subject's left) of the 8 x 2 parameter.
 template <class T>
@@ -153,8 +152,8 @@ void check_optics(const EyeOptics<T, E>& optics) {
     if constexpr (has_effect<E, Glint>) {
         if (optics.lights() == 0) return;
         shape("got positions of lights", optics.light_position, 3, optics.lights(), "");
-        shape("got intensities of lights", optics.light_intensity, light_channels,
-              optics.lights(), "");
+        shape("got intensities of lights", optics.light_intensity, light_channels, optics.lights(),
+              "");
         require(optics.lights() <= most_lights, "eye_optics", "got ", optics.lights(),
                 " lights, expected at most ", most_lights);
     }

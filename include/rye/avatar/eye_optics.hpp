@@ -58,13 +58,12 @@ struct ViewedEye {
 
 /// Returns the refraction of an eye's points, 3 x P, to `seen`.
 template <class T, EffectSet E>
-    requires has_effect<E, CornealRefraction>
-RefractEyePoint<T> refraction_of(const EyeOptics<T, E>& optics,
-                                 const std::type_identity_t<ViewedEye<T>>& viewed, T* seen) {
-    const Index e = static_cast<Index>(viewed.eye);
-    return {viewed.points, optics.cornea.data() + cornea_numbers * e, optics.index.data() + e,
-            into_eye(viewed.placed, viewed.camera), seen};
-}
+    requires has_effect<E, CornealRefraction> RefractEyePoint<T> refraction_of(
+        const EyeOptics<T, E>& optics, const std::type_identity_t<ViewedEye<T>>& viewed, T* seen) {
+        const Index e = static_cast<Index>(viewed.eye);
+        return {viewed.points, optics.cornea.data() + cornea_numbers * e, optics.index.data() + e,
+                into_eye(viewed.placed, viewed.camera), seen};
+    }
 
 /// Returns an eye's lights as the camera sees them.
 template <class T, EffectSet E>
@@ -126,8 +125,7 @@ const T* look_into_eye(const B& backend, const EyeOptics<T, E>& optics,
         if (optics.refracts()) {
             trace.seen[eye].resize(3, viewed.count);
             seen = trace.seen[eye].data();
-            for_each(backend, viewed.count,
-                     refraction_of(optics, viewed, trace.seen[eye].data()));
+            for_each(backend, viewed.count, refraction_of(optics, viewed, trace.seen[eye].data()));
         }
     if constexpr (has_effect<E, Glint>) {
         trace.lights[eye] = see_lights(optics, viewed);

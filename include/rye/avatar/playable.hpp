@@ -163,8 +163,7 @@ void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
     if (o.sees_cornea()) {
         shape("eyes.cornea", o.cornea, cornea_numbers, 2);
         detail::require_all_finite(who, "eyes.cornea", o.cornea);
-        require(o.cornea.row(3).minCoeff() > T(0), who,
-                "'eyes.cornea': a radius is not positive");
+        require(o.cornea.row(3).minCoeff() > T(0), who, "'eyes.cornea': a radius is not positive");
     }
     if (o.refracts()) {
         shape("eyes.refractive_index", o.index, 1, 2);

@@ -17,9 +17,8 @@
 namespace rye {
 
 /// The paper's effects, and all that an avatar may be trained with beside them.
-using TrainedEffects =
-    More<PaperEffects, Kappa, CornealRefraction, Glint, Pupil, LidShadow, HeadShading,
-         EyesBy<DrivenFeatures>>;
+using TrainedEffects = More<PaperEffects, Kappa, CornealRefraction, Glint, Pupil, LidShadow,
+                            HeadShading, EyesBy<DrivenFeatures>>;
 /// Trained parameters of an avatar with any of these.
 template <class T>
 using TrainedAvatar = TwoStream<T, TrainedEffects>;

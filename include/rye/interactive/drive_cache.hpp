@@ -16,10 +16,10 @@
 ///     a pupil             none                                that eyeball
 ///     a lid, by any       none                                that eyeball's colours, if shadowed
 ///
-/// Features that an avatar lacks (driven eyes, light by the head's rotation, highlights, refraction,
-/// shadows of lids, any effect that its list does not name) are not computed.
-/// Memory: the rest pose; each network's outputs; the driven Gaussians in head and world; the
-/// light's gains; the eyes' colours before shadows and highlights, their points as refracted.
+/// Features that an avatar lacks (driven eyes, light by the head's rotation, highlights,
+/// refraction, shadows of lids, any effect that its list does not name) are not computed.
+/// Memory: the rest pose; each network's outputs; the driven Gaussians in head and world; light's
+/// gains; the eyes' colours before shadows and highlights, their points as refracted.
 #pragma once
 
 #include <functional>
@@ -119,11 +119,11 @@ class DriveCache {
     struct Changes {
         bool first = false; ///< true until the first evaluation
         std::array<bool, face_drivers> driver{};
-        bool scale = false, light = false, view = false, bends = false;
+        bool scale = false, light = false, view = false, bent = false;
         std::array<bool, 2> pupil{};
         bool any() const { return moves(0) || moves(1) || driver[0] || view; }
         bool moves_all() const { return first || driver[1] || scale; }
-        bool moves(std::size_t e) const { return moves_all() || driver[2 + e] || pupil[e] || bends; }
+        bool moves(std::size_t e) const { return moves_all() || bent || driver[2 + e] || pupil[e]; }
         bool attributes() const { return driver[0] || driver[1]; }
     };
 
@@ -148,7 +148,7 @@ class DriveCache {
         if constexpr (has_effect<E, HeadPose>) c.scale = !same_bits(d.scale, last_->scale);
         if constexpr (has_effect<E, SeesCornea>)
             c.view = avatar_->eyes.optics.sees_cornea() && !same_bits(d.camera, last_->camera);
-        c.bends = c.view && avatar_->eyes.optics.refracts();
+        c.bent = c.view && avatar_->eyes.optics.refracts();
         return c;
     }
 

@@ -9,8 +9,8 @@
 namespace rye {
 
 /// Effects whose Gaussians depend only on what a cache compares: expression, head pose, gaze,
-/// pupil, and for CornealRefraction and Glint the camera; the inputs of a user's own effects are not
-/// known.
+/// pupil, and for CornealRefraction and Glint the camera; the inputs of a user's own effects are
+/// not known.
 template <class E>
 concept KeptFromFrameToFrame = EffectSet<E> && !has_own_effects<E>;
 

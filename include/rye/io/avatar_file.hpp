@@ -27,9 +27,9 @@ namespace rye {
 /// Name of the format in the file's metadata.
 inline constexpr const char* avatar_format = "rye-avatar";
 /// Version of the format that is written for avatars whose corneas refract. Those without are of
-/// version 4 if their lids cast shadows, else of version 3, whose readers know neither. Readers also
-/// accept version 2, whose avatars have no highlights, and version 1, whose avatars have no light
-/// and no driven eyes either, and a separate kappa.
+/// version 4 if their lids cast shadows, else of version 3, whose readers know neither. Readers
+/// also accept version 2, whose avatars have no highlights, and version 1, whose avatars have no
+/// light and no driven eyes either, and a separate kappa.
 inline constexpr const char* avatar_version = "5";
 
 /// How an avatar file stores parameters other than positions.
@@ -122,7 +122,9 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
     const bool lids = p.avatar.eyes.has_lid_shadow(), refracts = p.avatar.eyes.optics.refracts();
     TensorMetadata metadata{
         {"format", avatar_format},
-        {"version", refracts ? avatar_version : lids ? "4" : "3"},
+        {"version", refracts ? avatar_version
+                    : lids   ? "4"
+                             : "3"},
         {"name", p.name},
         {"settings", detail::settings_text(settings)},
         {"gaze_axis", p.visual_axes() ? "visual" : "optical"},

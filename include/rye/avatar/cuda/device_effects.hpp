@@ -52,7 +52,8 @@ inline constexpr bool all_have_kernels = false;
 template <class... X>
 inline constexpr bool all_have_kernels<Effects<X...>> =
     (is_part_or_one_of<X, Expression, HeadPose, PoseResidual, LeftGaze, RightGaze, EyeOffset, Kappa,
-                       Periocular, CornealBulge, CornealRefraction, Glint, Pupil, LidShadow, HeadShading> &&
+                       Periocular, CornealBulge, CornealRefraction, Glint, Pupil, LidShadow,
+                       HeadShading> &&
      ...);
 
 } // namespace detail
@@ -63,7 +64,7 @@ concept EachHasKernels = detail::all_have_kernels<E>;
 /// Effects that have kernels on a device: a list of others does not compile. Metrics of influence
 /// and the networks' activation may be a user's.
 template <class E>
-concept DeviceEffects = EffectSet<E> && EncodedByDevice<E> && HasPartsOfDevice<E> &&
-    EachHasKernels<E>;
+concept DeviceEffects =
+    EffectSet<E> && EncodedByDevice<E> && HasPartsOfDevice<E> && EachHasKernels<E>;
 
 } // namespace rye

@@ -163,9 +163,9 @@ class DeviceRefraction {
                          RefractEyeVjp{{own, g_seen_.data() + 3 * first}, camera, frame, eye},
                          {both_.data() + RefractEyeVjp::sums * eye});
         }
-        device_.launch(queue, 1,
-                       RefractionVjpKernel<E>{camera, frame, both_.data(), eye_sums,
-                                              to(host_->index).data});
+        device_.launch(
+            queue, 1,
+            RefractionVjpKernel<E>{camera, frame, both_.data(), eye_sums, to(host_->index).data});
     }
 
     /// Memory that is held [bytes].

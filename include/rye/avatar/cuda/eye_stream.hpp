@@ -201,8 +201,7 @@ class DeviceEyeStream {
             highlights_->vjp_into(queue, of, to, camera_, frame, seen, g_feature,
                                   const_cast<float*>(sums(0)));
         if constexpr (has_effect<E, CornealRefraction>)
-            refraction_->vjp_into(queue, of, to, camera_, frame, seen,
-                                  const_cast<float*>(sums(0)));
+            refraction_->vjp_into(queue, of, to, camera_, frame, seen, const_cast<float*>(sums(0)));
         if constexpr (has_effect<E, LidShadow>)
             lids_->add_places_into(queue, const_cast<float*>(sums(0)));
         if constexpr (detail::own_turn<E>)
