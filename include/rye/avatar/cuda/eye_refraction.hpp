@@ -18,7 +18,7 @@ struct RefractBothEyes {
     const float* camera;          ///< in the world, 3
     const DeviceFrameState* frame;
     Index left; ///< number of the left eye's points
-    [[no_unique_address]] Slot<E, Pupil, DevicePupils, 1> pupils = {};
+    Slot<E, Pupil, DevicePupils, 1> pupils = {};
 
     RYE_DEVICE void operator()(Index i) const {
         const int eye = i < left ? 0 : 1;
