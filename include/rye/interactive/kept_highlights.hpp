@@ -57,7 +57,7 @@ class KeptHighlights {
                 const Index n = eyes.points_of(static_cast<Index>(eye));
                 seen_[eye].resize(3, n);
                 const ViewedEye<T> viewed{eye, drivers.camera, placed, points, n};
-                for_each(backend, n, refraction_of(eyes.optics, viewed, seen_[eye].data()));
+                see_points(backend, eyes.optics, viewed, seen_[eye].data());
                 return seen_[eye].data();
             }
         return points;
