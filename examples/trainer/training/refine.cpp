@@ -195,7 +195,7 @@ Json parts_of(const LabelUnknowns& u, const VecX<double>& v) {
 PlayableAvatar<float> refined_avatar(const TrainState& drawn, const Capture& capture) {
     const int frame = capture.train.empty() ? 0 : capture.train.front();
     PlayableAvatar<float> p = playable_avatar(drawn, capture, frame, 0);
-    p.avatar.eyes.optics = {}; // views of one moment see highlights elsewhere
+    p.avatar.eyes.optics = {}; // views of one moment see highlights and refraction elsewhere
     return p;
 }
 
