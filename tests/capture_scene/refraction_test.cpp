@@ -2,13 +2,16 @@
 // Irises that are rendered through corneas, against Fermat's principle
 // (rye/geometry/sphere_path.hpp).
 #include <cmath>
+#include <fstream>
 #include <numbers>
 
 #include <doctest/doctest.h>
+#include <nlohmann/json.hpp>
 
 #include <rye/geometry/sphere_path.hpp>
 #include <rye/rig/cornea.hpp>
 
+#include "../support/hostile.hpp"
 #include "data/degrees.hpp"
 #include "synthetic_capture/corneal_ray.hpp"
 #include "synthetic_capture/head_render.hpp"
@@ -175,4 +178,26 @@ TEST_CASE("refraction: a capture has it by its setting alone") {
     const CaptureScene scene = capture_scene(model, settings);
     REQUIRE(scene.frames.size() == 2);
     for (const SceneFrame& f : scene.frames) CHECK(f.state.corneal_index == index_of_cornea);
+}
+
+TEST_CASE("refraction: capture.json says so, and where the corneas are") {
+    CaptureSettings settings;
+    settings.size = 32;
+    settings.samples = settings.cameras = settings.train_frames = 1;
+    settings.novel_frames = settings.independent_frames = 0;
+    const HeadModel model = procedural_head(3, 64);
+    for (const bool on : {false, true}) {
+        settings.refraction = on;
+        const TemporaryFolder folder;
+        write_capture(model, capture_scene(model, settings), folder.path / "c", [](int, int) {});
+        std::ifstream file(folder.path / "c" / "capture.json");
+        const nlohmann::json all = nlohmann::json::parse(file);
+        const std::string eyeball = all.at("conventions").at("eyeball");
+        CHECK((eyeball.find("seen without refraction") == std::string::npos) == on);
+        REQUIRE(all.contains("refraction") == on);
+        if (!on) continue;
+        CHECK(all.at("refraction").at("refractive_index") == index_of_cornea);
+        CHECK(all.at("refraction").at("cornea_radius").at(1) == model.eyes[1].cornea_radius);
+        CHECK(all.at("refraction").at("cornea_ahead").at(0) == cornea_ahead(model.eyes[0]));
+    }
 }
