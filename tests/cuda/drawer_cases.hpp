@@ -252,6 +252,7 @@ std::size_t kept_frames_drawn(const Device& device, const Plain& plain, const Cu
         large.fx *= 0.9F;
         CHECK(both.show(drivers, large) == 1);
     }
+    large.fx *= 0.9F;
     expressions(3, large);
     large.fx = large.fy = 300;
     CHECK(both.show(drivers, large) == 2);

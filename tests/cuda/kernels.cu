@@ -28,6 +28,7 @@ const void* kernel() {
     return reinterpret_cast<const void*>(detail::run_kernel<K>);
 }
 const void* const kernels[] = {
+    kernel<detail::ClearKernel>(),
     kernel<detail::ProjectKernel<Rules, NoDistortion>>(),
     kernel<detail::ProjectKernel<Rules, LensInMemory<NoDistortion>>>(),
     kernel<detail::ScanKernel>(),
