@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/backend/cuda/launch.hpp: launches of kernels, some of which wait on the device for what is
-/// before them on the stream: then their blocks are in place while its last ones run. Under nvcc
-/// only.
+/// before them on the stream: then their blocks are in place while its last ones run. Only kernels
+/// whose predecessor is always one of the same caller's do, so that in a graph with branches they
+/// have that one alone. Under nvcc only.
 /// Source: NVIDIA, "CUDA Programming Guide", programmatic dependent launch.
 #pragma once
 

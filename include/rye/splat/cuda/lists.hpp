@@ -12,7 +12,7 @@ namespace rye::detail {
 /// Sets words to 0: as a kernel, since the next one's blocks can wait for it in their places.
 struct ClearKernel {
     static constexpr const char* name = "clear";
-    static constexpr bool admits_next = true, waits_on_device = true;
+    static constexpr bool admits_next = true;
     static constexpr int threads = 128, blocks = 8;
     static constexpr std::uint32_t of_block = 4 * threads;
     struct Shared {};

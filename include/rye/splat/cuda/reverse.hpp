@@ -17,7 +17,6 @@ struct ReverseKernel {
     using Layout = ChannelLayout<C>;
     using Step = ReverseStep<A, C, extra>;
     static constexpr const char* name = "reverse walk";
-    static constexpr bool waits_on_device = true;
     static constexpr int N = planes_of<A>;
     static constexpr int threads = 32, blocks = Layout::products && N > 2 ? 8 : 12;
     static constexpr int of_pixel = Layout::padded + 8; ///< halves; rows begin in other banks
