@@ -66,11 +66,12 @@ struct EyeOptics {
 
 /// The cornea of an eyeball's shape.
 template <Real T, EffectSet S>
-    requires has_effect<S, CornealBulge> Cornea<T> cornea_of(const BasicEyeballShape<S>& shape) {
-        return {Vec3<T>(T(0), T(0), static_cast<T>(shape.cornea_offset)),
-                static_cast<T>(shape.cornea_radius), Vec3<T>(T(0), T(0), T(1)),
-                static_cast<T>(shape.limbus_plane())};
-    }
+    requires has_effect<S, CornealBulge>
+Cornea<T> cornea_of(const BasicEyeballShape<S>& shape) {
+    return {Vec3<T>(T(0), T(0), static_cast<T>(shape.cornea_offset)),
+            static_cast<T>(shape.cornea_radius), Vec3<T>(T(0), T(0), T(1)),
+            static_cast<T>(shape.limbus_plane())};
+}
 
 /// The cornea of an eye (0: the subject's left) of the 8 x 2 parameter.
 template <class T>
@@ -163,9 +164,10 @@ void check_optics(const EyeOptics<T, E>& optics) {
 
 /// Returns the views of the lights' arrays.
 template <class T, EffectSet E>
-    requires has_effect<E, Glint> detail::LightArrays<T> arrays_of(const EyeOptics<T, E>& optics) {
-        return {optics.cornea.data(), optics.light_position.data(), optics.light_intensity.data(),
-                optics.light_width.data(), optics.lights()};
-    }
+    requires has_effect<E, Glint>
+detail::LightArrays<T> arrays_of(const EyeOptics<T, E>& optics) {
+    return {optics.cornea.data(), optics.light_position.data(), optics.light_intensity.data(),
+            optics.light_width.data(), optics.lights()};
+}
 
 } // namespace rye

@@ -58,12 +58,13 @@ struct ViewedEye {
 
 /// Returns the refraction of an eye's points, 3 x P, to `seen`.
 template <class T, EffectSet E>
-    requires has_effect<E, CornealRefraction> RefractEyePoint<T> refraction_of(
-        const EyeOptics<T, E>& optics, const std::type_identity_t<ViewedEye<T>>& viewed, T* seen) {
-        const Index e = static_cast<Index>(viewed.eye);
-        return {viewed.points, optics.cornea.data() + cornea_numbers * e, optics.index.data() + e,
-                into_eye(viewed.placed, viewed.camera), seen};
-    }
+    requires has_effect<E, CornealRefraction>
+RefractEyePoint<T> refraction_of(const EyeOptics<T, E>& optics,
+                                 const std::type_identity_t<ViewedEye<T>>& viewed, T* seen) {
+    const Index e = static_cast<Index>(viewed.eye);
+    return {viewed.points, optics.cornea.data() + cornea_numbers * e, optics.index.data() + e,
+            into_eye(viewed.placed, viewed.camera), seen};
+}
 
 /// Sets an eye's points as they are seen through its cornea, 3 x P.
 template <class T, EffectSet E, Backend B>
