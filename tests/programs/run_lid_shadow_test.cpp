@@ -51,7 +51,7 @@ TEST_CASE("lids' shadows: with a rate of 0 they stay") {
     CHECK(state.avatar.eyes.lid_shadow == before);
 }
 
-TEST_CASE("lids' shadows: variants draw them, or hold those of the first picture") {
+TEST_CASE("lids' shadows: variants draw them, of eyes that turn or that do not") {
     const TrainState state = shadowed();
     DrawnFrame frame{test::tiny_drivers<float>(), test::tiny_camera(64, 48).cast<float>()};
     DrawnFrame looks = frame;
@@ -64,7 +64,8 @@ TEST_CASE("lids' shadows: variants draw them, or hold those of the first picture
     CHECK(gaze.explanation().find("lid shadow") != std::string::npos);
     for (const DrawnFrame& f : {frame, looks}) CHECK(apart(gaze, f) <= 1e-4f);
     const FrameDrawer still(state, {frame, looks}, "still", "--effects", 0.01);
-    CHECK(still.explanation().find("NOT drawn    lid shadow") != std::string::npos);
+    CHECK(still.explanation().find("NOT drawn    left gaze") != std::string::npos);
+    CHECK(still.explanation().find("NOT drawn    lid shadow") == std::string::npos);
     CHECK(apart(still, frame) <= 1e-4f);
     CHECK(apart(still, looks) > 1e-3f);
     TrainState none = state;

@@ -17,6 +17,7 @@ struct Own {
     static constexpr int depth_bits = 32;
     static constexpr bool has_floor = false;
     static constexpr rye::Outputs outputs = {};
+    static constexpr rye::Payload payload = rye::Payload::whole;
     static constexpr int exp2_degree = 5;
 };
 
