@@ -104,8 +104,6 @@ for name in eyes shading both; do
 done
 "$rye" redirect --run both --sweep --effects gaze --out gaze.png
 same sweep_both.png gaze.png
-refuses "the nearest lacks corneal refraction" \
-    "$rye" redirect --run both --sweep --effects corneal-refraction --out never.png
 "$rye" info cap --effects --run both > variant.txt
 has variant.txt "yes  head shading"
 has variant.txt "within the bound"
