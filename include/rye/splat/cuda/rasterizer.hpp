@@ -195,9 +195,9 @@ struct DeviceRasterizer {
                       detail::BinKernel<A>{camera.width, camera.height, m, passes});
         each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
             if (first > 0) {
-                device.fill(queue, &m.report->groups, 0, sizeof(std::uint32_t));
-                device.fill(queue, m.walked, 0,
-                            detail::FrameMemory::classes * sizeof(std::uint32_t));
+                device.launch(queue, 1, detail::ClearKernel{&m.report->groups, 1});
+                device.launch(queue, 1,
+                              detail::ClearKernel{m.walked, detail::FrameMemory::classes});
             }
             device.launch(queue, m.tiles,
                           detail::BlendKernel<A, C()>{
