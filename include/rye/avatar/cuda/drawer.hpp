@@ -208,7 +208,8 @@ class DeviceAvatarDrawer {
         const auto take = [&] {
             counts_.fetch(queue);
             const std::uint32_t* const lists = counts_.piece(1);
-            return avatar_.take(*counts_.piece(0), {lists, lists + avatar_.rooms().lists});
+            const std::uint32_t bad = avatar_.bad_gaze() != nullptr ? *counts_.piece(0) : 0;
+            return avatar_.take(bad, {lists, lists + avatar_.rooms().lists});
         };
         const bool driven = kept_ ? take() : avatar_.finish(queue);
         placed_ = placed_ && driven;
