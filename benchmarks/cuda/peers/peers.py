@@ -6,7 +6,8 @@ this file says how to get each peer; one that is missing is named.
 For each scene, sixteen cameras in turn, 20 calls before, N timed (default 200), medians in ms:
   eager    what a program waits that calls and calls again
   graph    the same as a CUDA graph, where the peer can be captured
-  busy     the sum of its kernels' times, by torch.profiler
+  busy     how long any of its kernels runs, by torch.profiler: one that begins early and waits for
+           the one before counts once
 forward alone without gradients, and forward with the gradient of everything, given cotangents of
 the image, and of alpha where the peer has one. And how far each peer's picture is from rye's at
 accuracy "tight" (mean over cameras). Of gradients gradients.py tells."""
@@ -181,8 +182,12 @@ def busy_ms(call):
         for k in range(calls):
             call(k % 16)
         torch.cuda.synchronize()
-    total = sum(getattr(e, "device_time", None) or getattr(e, "cuda_time", 0)
-                for e in record.events() if e.device_type != torch.autograd.DeviceType.CPU)
+    spans = sorted((e.time_range.start, e.time_range.end) for e in record.events()
+                   if e.device_type != torch.autograd.DeviceType.CPU)
+    total, until = 0.0, float("-inf")
+    for start, end in spans:
+        total += max(0.0, end - max(start, until))
+        until = max(until, end)
     return total / 1000 / calls
 
 
