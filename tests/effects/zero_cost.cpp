@@ -309,12 +309,11 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
     const auto place = [&](Index first, EyeTransform<T>& eye) {
         const std::size_t at = first == 0 ? 0 : 1;
         const Index n = counts[at];
-        const Columns<T> points = eyes.position.middleCols(first, n);
         const Cornea<T> cornea = cornea_of(eyes.cornea, at);
         const Vec3<T> camera = into_eye(eye, drivers.camera);
         t.placed[at] = eye;
-        Columns<T>& seen = t.seen[at] = points;
-        [[maybe_unused]] const T* const from = points.data();
+        Columns<T>& seen = t.seen[at] = eyes.position.middleCols(first, n);
+        [[maybe_unused]] const T* const from = eyes.position.data() + 3 * first;
         [[maybe_unused]] T* const to = seen.data();
         [[maybe_unused]] const auto point = [](const T* p, Index i) {
             return Eigen::Map<const Vec3<T>>(p + 3 * i);
@@ -337,9 +336,11 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
             lights.push_back(light);
         }
         const Index stride = g.feature.rows();
+        const Vec3<T> ahead = cornea.axis;
         T* colour = g.feature.data() + (begin + first) * stride;
         for (Index i = 0; i < n; ++i, colour += stride) {
-            if (!(dot(Vec3<T>(point(from, i)), cornea.axis) > T(0))) continue;
+            const T* const p = from + 3 * i;
+            if (!(p[0] * ahead.x() + p[1] * ahead.y() + p[2] * ahead.z() > T(0))) continue;
             const Mirrored<T> mirror = mirrored<T>(cornea, camera, point(to, i));
             if (!(mirror.strength > T(0))) continue;
             for (std::size_t l = 0; l < lights.size(); ++l) {
