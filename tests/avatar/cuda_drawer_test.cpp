@@ -29,4 +29,5 @@ TEST_CASE("cuda, emulated: frames that are kept have the bits of single launches
     CHECK(kept_frames_drawn(DeviceOfKeptWork{plain}, plain, {nullptr, memory}) == 4);
     CHECK(DeviceOfKeptWork::launches > 12);
     CHECK(kept_frames_drawn(plain, plain, host_queue) == 0);
+    kept_frames_without_gaze(DeviceOfKeptWork{plain}, plain, {nullptr, memory});
 }

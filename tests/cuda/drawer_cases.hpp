@@ -270,6 +270,29 @@ std::size_t kept_frames_drawn(const Device& device, const Plain& plain, const Cu
     return graphs;
 }
 
+/// The same of an avatar without a gaze, whose frames have none that could be bad.
+template <class Device, class Plain>
+void kept_frames_without_gaze(const Device& device, const Plain& plain, const CudaQueue& queue) {
+    using E = Effects<Expression, HeadPose, CornealBulge>;
+    AvatarCase<E> c = case_with_parts<E>();
+    UpsamplerShape shape = c.avatar.upsampler.shape;
+    shape.doublings = 0;
+    c.avatar.upsampler = Upsampler<float>::init(shape, Random{5, 0});
+    c.avatar.face.log_scale.array() += 1.0F;
+    KeptBeside<E, Device, Plain> both(device, plain, queue, c);
+    Pinhole<float> camera = tiny_camera(16, 14).cast<float>();
+    Drivers<float, E> drivers = c.drivers;
+    both.show(drivers, camera);
+    for (int k = 0; k < 3; ++k) {
+        drivers.expression = (0.5F - static_cast<float>(k)) * c.drivers.expression;
+        CHECK(both.show(drivers, camera) == 1);
+    }
+    for (int k = 0; k < 3; ++k) {
+        camera.camera_from_world.translation.z() += 0.2F;
+        CHECK(both.show(drivers, camera) == 1);
+    }
+}
+
 /// Effects and parts that `rye` trains.
 template <class Device>
 void variants_drawn(const Device& device, const CudaQueue& queue, double bound) {

@@ -22,6 +22,7 @@ TEST_CASE("device: a drawer's two views of one driving are each alone") {
 }
 TEST_CASE("device: frames that are kept have the bits of single launches") {
     CHECK(kept_frames_drawn(CudaDevice(), CudaDevice(), queue()) == 4);
+    kept_frames_without_gaze(CudaDevice(), CudaDevice(), queue());
 }
 TEST_CASE("device: what a drawer refuses") { drawer_bad_input(CudaDevice(), queue()); }
 
