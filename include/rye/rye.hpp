@@ -38,6 +38,7 @@
 #include <rye/avatar/rest_pose.hpp>
 #include <rye/avatar/trained.hpp>
 #include <rye/avatar/two_stream.hpp>
+#include <rye/avatar/view_color.hpp>
 #include <rye/avatar/weights.hpp>
 #include <rye/io/avatar_arrays.hpp>
 #include <rye/io/avatar_file.hpp>
@@ -46,6 +47,7 @@
 #include <rye/interactive/drive_work.hpp>
 #include <rye/interactive/frame_cache.hpp>
 #include <rye/interactive/kept_highlights.hpp>
+#include <rye/interactive/kept_view.hpp>
 #include <rye/interactive/player.hpp>
 #include <rye/interactive/redraw.hpp>
 #include <rye/interactive/tile_changes.hpp>

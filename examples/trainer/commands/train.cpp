@@ -599,6 +599,9 @@ void check_resumed(const TrainOptions& o, const TrainState& state, const Capture
         same("eye_appearance", config.eye_appearance, state.config.eye_appearance);
         same("shading", config.shading, state.config.shading);
         same("gaze_mechanism", config.gaze_mechanism, state.config.gaze_mechanism);
+        require(config.view_color == state.config.view_color, o.config.string(),
+                "field 'avatar.view_color': got ", config.view_color, ", expected ",
+                state.config.view_color, ", as the run in ", o.out.string(), " began with");
     }
     require(state.train_frames == capture.train, who,
             "its training frames differ from those this run began with");

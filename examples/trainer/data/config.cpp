@@ -65,6 +65,7 @@ void walk(F& f, TrainConfig& c) {
         f("highlights", c.highlights);
         f("lid_shadow", c.lid_shadow);
         f("refraction", c.refraction);
+        f("view_color", c.view_color, Range{0, 3});
         f("networks", [&] {
             NetworkConfig& n = a.networks;
             f("geometry", n.geometry);
@@ -172,6 +173,7 @@ void walk(F& f, TrainConfig& c) {
             f("light_intensity", g.rates.light_intensity, rate);
             f("light_position", g.rates.light_position, rate);
             f("lid_shadow", g.rates.lid_shadow, rate);
+            f("view_color", g.rates.view_color, rate);
             f("refractive_index", g.rates.refractive_index, rate);
         });
         f("centre_corrections", g.centre_corrections);
@@ -412,6 +414,10 @@ void check(const TrainConfig& c, const std::string& source) {
         c.gaze_mechanism == GazeMechanismName::rotation || !c.refraction, source,
         "field 'avatar.gaze_mechanism': got \"", [&] { return word_of(c.gaze_mechanism); },
         "\", expected \"rotation\", as refraction is true");
+    require(
+        c.gaze_mechanism == GazeMechanismName::rotation || c.view_color == 0, source,
+        "field 'avatar.gaze_mechanism': got \"", [&] { return word_of(c.gaze_mechanism); },
+        "\", expected \"rotation\", as view_color is not 0");
 }
 
 /// Returns networks with fewer operations: the shapes of the paper's, narrower.
@@ -487,6 +493,7 @@ void take_generalisation(TrainConfig& c) {
     rates.deform = 3e-5;
     rates.position = 1e-3;
     rates.scale = rates.feature = 5e-3;
+    rates.view_color = 2.5e-4;
 }
 
 } // namespace
@@ -575,6 +582,7 @@ TrainConfig preset(const std::string& name) {
     g.rates.eye_feature = 1e-2;
     g.rates.kappa = 0; // stays as the irises told it (corrections/found_kappa.hpp)
     g.rates.shading = 1e-2;
+    g.rates.view_color = 1e-4;
     g.rates.eye_offset = 0;
     g.lid_steps = 2000;
     g.upsampler.capacity = 8;

@@ -136,6 +136,8 @@ struct TrainConfig {
     bool lid_shadow = false; ///< shadows of the upper lids on the eyeballs; JSON: avatar.lid_shadow
     bool refraction = false; ///< irises lie behind corneas, whatever eyeball.bulge says, which
                              ///< refract; JSON: avatar.refraction
+    int view_color = 0; ///< degree of the colours by the view (rye/avatar/view_color.hpp), 0: off;
+                        ///< JSON: avatar.view_color
     GridConfig grid;
     MeshTrainConfig mesh;
     AvatarTrainConfig gaussians;

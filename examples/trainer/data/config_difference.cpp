@@ -25,7 +25,7 @@ Json stage_one_fields(const TrainConfig& config) {
     fields.erase("preset"); // a name
     Json& avatar = fields["avatar"];
     for (const char* name : {"attribute_scale", "gaze_mechanism", "eye_appearance", "shading",
-                             "highlights", "lid_shadow", "refraction"})
+                             "highlights", "lid_shadow", "refraction", "view_color"})
         avatar.erase(name);
     for (const char* name : {"exp_attributes", "pose_attributes"}) avatar["networks"].erase(name);
     fields["grid"].erase("subdivide");

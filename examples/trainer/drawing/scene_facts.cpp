@@ -2,6 +2,8 @@
 #include "drawing/scene_facts.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 
 #include <rye/avatar/eye_offset.hpp>
 #include <rye/avatar/rest_pose.hpp>
@@ -40,6 +42,25 @@ DriverFacts driver_facts(const TrainState& state, const std::vector<DrawnFrame>&
     return d;
 }
 
+namespace {
+
+/// Returns a bound on what view-dependent colours, 3K x N, add to any channel.
+double most_view_color(const Columns<float>& colors) {
+    const Index each = colors.rows() / 3;
+    double most = 0;
+    for (Index i = 0; i < colors.cols(); ++i)
+        for (Index c = 0; c < 3; ++c) {
+            double sum = 0;
+            for (int l = 1; sh_count(l) - 1 <= each; ++l)
+                sum += std::sqrt((2 * l + 1) / (4 * std::numbers::pi)) *
+                       double(colors.col(i).segment(c * each + l * l - 1, 2 * l + 1).norm());
+            most = std::max(most, sum);
+        }
+    return most;
+}
+
+} // namespace
+
 AvatarFacts avatar_facts(const TrainState& state, const std::vector<Drivers<float>>& frames,
                          bool held_at_first) {
     AvatarFacts a;
@@ -63,6 +84,8 @@ AvatarFacts avatar_facts(const TrainState& state, const std::vector<Drivers<floa
     a.channels = config.channels;
     a.shaded = state.avatar.shading.any();
     a.corneas = state.avatar.eyes.optics.refracts();
+    for (const Columns<float>* c : {&state.avatar.view_color.face, &state.avatar.view_color.eyes})
+        a.view_color = std::max(a.view_color, most_view_color(*c));
     a.lid_shadow = state.avatar.eyes.has_lid_shadow();
     a.driven_eyes = has_driven_eyes(state.avatar);
     const Upsampler<float>& u = state.avatar.upsampler;

@@ -104,6 +104,7 @@ struct AvatarFacts {
     bool refines = false;        ///< true if super-resolution changes the picture
     bool corneas = false;        ///< true if irises lie behind corneas
     bool shaded = false;         ///< true if colours depend on the head's rotation
+    double view_color = 0;       ///< a bound on how far colours change with the view; 0: none
     bool lid_shadow = false;     ///< true if its lids cast shadows on the eyes
     bool driven_eyes = false;    ///< true if networks give its eyes' features
 };
@@ -215,7 +216,8 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
     if (!drivers)
         for (const EffectName e : {expression, head_pose, pose_residual, left_gaze, right_gaze,
                                    eye_offset, kappa, periocular, corneal_bulge, corneal_refraction,
-                                   glint, pupil, lid_shadow, head_shading, eye_appearance})
+                                   glint, pupil, lid_shadow, head_shading, view_color,
+                                   eye_appearance})
             say(e, false, "nothing here is driven");
     else {
         if (expression_varies && avatar && a.moved_by_expression == 0)
@@ -279,6 +281,10 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
             compare(head_shading, d.pose.width(), b.coefficient, "the pose varies" + over);
         else
             say(head_shading, false, "no light's change with the head is known");
+        if (a.view_color > 0)
+            compare(view_color, a.view_color, b.color, "with the view a colour changes by up to");
+        else
+            say(view_color, false, "colours are the same from everywhere");
         const double varies = std::max({turns, d.pose.width(), d.expression.width()});
         if (!a.lid_shadow)
             say(lid_shadow, false, "no shadow of the lids is known");

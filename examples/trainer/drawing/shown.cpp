@@ -135,9 +135,11 @@ Gaussians<float> driven_gaussians(const TrainState& state,
 
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
     const auto plain = restricted<TrainEffects>(drivers);
-    if (!state.avatar.eyes.optics.sees_cornea()) return driven_gaussians(state, plain);
+    if (!state.avatar.eyes.optics.sees_cornea() && !state.avatar.has_view_color())
+        return driven_gaussians(state, plain);
     TrainState without = state;
     without.avatar.eyes.optics = {};
+    without.avatar.view_color = {};
     return driven_gaussians(without, plain);
 }
 

@@ -62,7 +62,7 @@ Image<float> of_camera(Image<float> picture, const Pinhole<float>& camera);
 /// Returns the driven Gaussians of both streams in the world, the face's first.
 Gaussians<float> driven_gaussians(const TrainState& state,
                                   const Drivers<float, TrainEffects>& drivers);
-/// The same without highlights and refraction, which no camera sees.
+/// The same without highlights, refraction and colours by the view, which no camera sees.
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers);
 
 /// Returns the RGB of a feature render (its first three channels).

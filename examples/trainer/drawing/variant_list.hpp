@@ -33,13 +33,13 @@ struct TalkVariant : AvatarVariant<Less<TrainEffects, PoseResidual>> {
 struct GazeVariant
     : AvatarVariant<
           Effects<HeadPose, LeftGaze, RightGaze, Kappa, Periocular, CornealBulge, CornealRefraction,
-                  Glint, Pupil, LidShadow, HeadShading, EyesBy<DrivenFeatures>>> {
+                  Glint, Pupil, LidShadow, HeadShading, ViewColor, EyesBy<DrivenFeatures>>> {
     static constexpr std::string_view name = "gaze";
 };
 /// A camera that moves around a head that does not.
 struct StillVariant
-    : AvatarVariant<
-          Effects<HeadPose, CornealBulge, CornealRefraction, Glint, LidShadow, HeadShading>> {
+    : AvatarVariant<Effects<HeadPose, CornealBulge, CornealRefraction, Glint, LidShadow,
+                            HeadShading, ViewColor>> {
     static constexpr std::string_view name = "still";
 };
 

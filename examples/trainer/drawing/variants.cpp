@@ -32,6 +32,7 @@ EffectMask trained_effects(const TrainState& state, const std::vector<DrawnFrame
     if (state.avatar.eyes.optics.lights() > 0) m.add(EffectName::glint);
     if (state.avatar.eyes.has_lid_shadow()) m.add(EffectName::lid_shadow);
     if (state.avatar.shading.any()) m.add(EffectName::head_shading);
+    if (state.avatar.has_view_color()) m.add(EffectName::view_color);
     if (has_driven_eyes(state.avatar)) m.add(EffectName::eye_appearance);
     return m;
 }

@@ -276,6 +276,12 @@ void check_clouds(const std::string& who, const A& avatar, const TrainState& s) 
     agree("eyes.spacing", e.spacing, 1, m);
     agree("face.landmarks_3d_neutral", f.landmarks, 3, s.subject.neutral.cols());
     if constexpr (std::same_as<A, Avatar>) require_kappa_fits(avatar, s.config, who);
+    if constexpr (requires { avatar.view_color.face; })
+        if (s.config.view_color > 0) {
+            const Index numbers = view_color_numbers(s.config.view_color);
+            agree("view_color.face", avatar.view_color.face, numbers, n);
+            agree("view_color.eyes", avatar.view_color.eyes, numbers, m);
+        }
     if constexpr (requires { avatar.shading.light; }) {
         if (s.config.shading == ShadingName::none) return;
         agree("shading.light", avatar.shading.light, 8, 3);

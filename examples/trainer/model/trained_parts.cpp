@@ -15,6 +15,9 @@ void begin_parts(Avatar& avatar, const TrainConfig& config, const Columns<float>
     if (config.eye_appearance == EyeAppearanceName::driven)
         avatar.eyes.networks = init_eye_appearance<DrivenFeatures, float>(sizes, random).networks;
     if (config.shading == ShadingName::head_pose) avatar.shading = initial_shading<float>(normals);
+    if (config.view_color > 0)
+        avatar.view_color = initial_view_colors<float>(
+            config.view_color, avatar.face.position.cols(), avatar.eyes.position.cols());
 }
 
 void require_kappa_fits(const Avatar& avatar, const TrainConfig& config, const std::string& who) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// model/trained_parts.hpp: the parts that a configuration adds to the paper's effects: kappa,
-/// driven eyes, shading.
+/// driven eyes, shading, colours by the view.
 #pragma once
 
 #include "data/config.hpp"

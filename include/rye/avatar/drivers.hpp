@@ -6,11 +6,13 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <limits>
 #include <utility>
 
 #include <rye/avatar/config.hpp>
 #include <rye/core/columns.hpp>
+#include <rye/core/error.hpp>
 #include <rye/nn/encoding.hpp>
 #include <rye/rig/effect_slots.hpp>
 #include <rye/rig/gaze.hpp>
@@ -45,6 +47,18 @@ V unset_point() {
         return V{};
     else
         return V::Constant(typename V::Scalar(std::numeric_limits<double>::quiet_NaN()));
+}
+
+} // namespace detail
+
+namespace detail {
+
+/// Throws an Error unless the camera, which something is seen from, is somewhere.
+template <class T>
+void require_camera(const Vec3<T>& camera, const char* who = "eye_optics") {
+    using std::isfinite;
+    require(isfinite(camera[0]) && isfinite(camera[1]) && isfinite(camera[2]), who,
+            "got drivers without a camera, expected its centre in the world");
 }
 
 } // namespace detail

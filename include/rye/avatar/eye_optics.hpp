@@ -118,14 +118,6 @@ void add_highlights(const B& backend, const EyeOptics<T, E>& optics,
 
 namespace detail {
 
-/// Throws an Error unless the camera, which the corneas reflect or refract for, is somewhere.
-template <class T>
-void require_camera(const Vec3<T>& camera) {
-    using std::isfinite;
-    require(isfinite(camera[0]) && isfinite(camera[1]) && isfinite(camera[2]), "eye_optics",
-            "got drivers without a camera, expected its centre in the world");
-}
-
 /// Computes the points of one eye as they are seen; adds the highlights to its columns of
 /// `feature`, the first of which is that of its first point. Returns the points as they are seen.
 template <class T, EffectSet E, Backend B>

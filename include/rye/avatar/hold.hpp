@@ -6,7 +6,8 @@
 /// (and lights) move instead. The face without HeadShading has the colours of the head at rotation
 /// 0, which no constant added to its networks' colours can change. Without Kappa the gazes that
 /// drive it are optical axes. Networks of driven eyes that keep on being driven have the expression
-/// and the head's rotation that are left out in their biases.
+/// and the head's rotation that are left out in their biases. ViewColor is kept as that frame's
+/// camera sees it by a face without networks of frames, and eyes without shadows of lids.
 #pragma once
 
 #include <rye/avatar/two_stream.hpp>
@@ -187,6 +188,7 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
     detail::copy_slot(all.delta_gaze, a.delta_gaze);
     detail::copy_slot(all.delta_view, a.delta_view);
     detail::copy_slot(all.shading, a.shading);
+    detail::copy_slot(all.view_color, a.view_color);
     return a;
 }
 
@@ -202,8 +204,9 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
                    // What lids take from highlights that stay is kept, as this camera sees them.
                    darkened = own_lights && has_effect<E, LidShadow> && !lids,
                    lit = own_lights && !darkened;
-    if constexpr (shaded || lit) {
+    if constexpr (shaded || lit || has_effect<E, ViewColor>) {
         TwoStream<T, E> plain = all; // what is kept is shaded, and has highlights, again
+        if constexpr (has_effect<E, ViewColor>) plain.view_color = {};
         if constexpr (shaded) plain.shading = {};
         if constexpr (lit) resize_lights(plain.eyes.optics, 0);
         drive(backend, plain, {config, roles, drivers}, trace);
@@ -283,6 +286,20 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
                                                   {3, VecX<T>(drivers.pose.template head<3>())});
         }
     }
+    if constexpr (has_effect<E, ViewColor> && !has_effect<Fewer, ViewColor>)
+        if (all.has_view_color()) {
+            constexpr bool constant = face_rests<Fewer> && requires { a.eyes.feature; };
+            require(constant && !lids, "held",
+                    "colours that depend on the view are kept by a face and eyes of constant "
+                    "colours, expected ViewColor among the effects");
+            if constexpr (constant) {
+                trace.gaussians.feature.setZero();
+                add_view_colors(backend, all.view_color, detail::seen_head_of(drivers, trace),
+                                trace.gaussians);
+                face.rest_color += trace.gaussians.feature.leftCols(trace.face_count);
+                a.eyes.feature += trace.gaussians.feature.rightCols(a.eyes.position.cols());
+            }
+        }
     const OpticalDrivers<T, E> optical = optical_drivers(all.eyes, drivers);
     for_eyes([&]<std::size_t eye>() {
         if constexpr (eye_turns<E, eye> && !eye_turns<Fewer, eye>) {

@@ -59,6 +59,10 @@ void make_neutral(TwoStream<T, E>& avatar, Drivers<T, E>& drivers) {
     if constexpr (std::same_as<X, EyeOffset>) detail::silence(avatar.eyes.offset.mlp);
     if constexpr (std::same_as<X, CornealRefraction>) avatar.eyes.optics.index.setOnes();
     if constexpr (std::same_as<X, HeadShading>) avatar.shading.light.setZero();
+    if constexpr (std::same_as<X, ViewColor>) {
+        avatar.view_color.face.setZero();
+        avatar.view_color.eyes.setZero();
+    }
     if constexpr (std::same_as<X, LidShadow>)
         avatar.eyes.lid_shadow.row(0).setConstant(-Limits<real_t<T>>::infinity);
     if constexpr (std::same_as<X, Glint>) avatar.eyes.optics.light_intensity.setZero();

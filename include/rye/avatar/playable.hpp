@@ -159,6 +159,14 @@ void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
     shape("shading.light", light.light, light.any() ? 8 : 0, light.any() ? 3 : 0);
     shape("shading.normal", light.normal, light.any() ? 3 : 0, light.any() ? n : 0);
     shape("shading.eye_normal", light.eye_normal, light.any() ? 3 : 0, light.any() ? 2 : 0);
+    const ViewColors<T>& view = p.avatar.view_color;
+    if (view.any()) {
+        const Index rows = view.face.rows();
+        require(rows == 9 || rows == 24 || rows == 45, who, "'view_color.face': got ", rows,
+                " coefficients, expected 9, 24 or 45");
+        shape("view_color.face", view.face, rows, n);
+        shape("view_color.eyes", view.eyes, rows, m);
+    }
     const EyeOptics<T, TrainedEffects>& o = e.optics;
     if (o.sees_cornea()) {
         shape("eyes.cornea", o.cornea, cornea_numbers, 2);

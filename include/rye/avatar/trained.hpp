@@ -5,6 +5,7 @@
 ///     eyes.optics       without lights: no highlights; without an index: no refraction
 ///     eyes.lid_shadow   empty: the upper lids cast no shadow
 ///     shading           default-constructed: colours do not depend on the head's rotation
+///     view_color        default-constructed: colours do not depend on the view
 ///     eyes.networks     default-constructed: the eyes' features are their constants
 /// Pupil has none: it follows its driver, and changes nothing at rest.
 /// With all of them empty it is TwoStream<T>, of the paper's effects.
@@ -18,7 +19,7 @@ namespace rye {
 
 /// The paper's effects, and all that an avatar may be trained with beside them.
 using TrainedEffects = More<PaperEffects, Kappa, CornealRefraction, Glint, Pupil, LidShadow,
-                            HeadShading, EyesBy<DrivenFeatures>>;
+                            HeadShading, ViewColor, EyesBy<DrivenFeatures>>;
 /// Trained parameters of an avatar with any of these.
 template <class T>
 using TrainedAvatar = TwoStream<T, TrainedEffects>;

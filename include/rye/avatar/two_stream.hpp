@@ -8,11 +8,13 @@
 #include <rye/avatar/face_stream.hpp>
 #include <rye/avatar/head_shading.hpp>
 #include <rye/avatar/own_effects.hpp>
+#include <rye/avatar/view_color.hpp>
 
 namespace rye {
 
 /// Trained parameters of an avatar: its face, its eyes, its upsampler, corrections of the tracked
-/// head poses and gazes and of cameras, its shading, and those of own effects.
+/// head poses and gazes and of cameras, its shading, its colours by the view,
+/// and those of own effects.
 template <class T, EffectSet E = PaperEffects>
 struct TwoStream : OwnParameters<T, E> {
     FaceStream<T, E> face;
@@ -28,6 +30,13 @@ struct TwoStream : OwnParameters<T, E> {
     /// wrong by the inverse motion shows the same.
     [[no_unique_address]] detail::Slot<E, HeadPose, Columns<T>> delta_view;
     [[no_unique_address]] detail::Slot<E, HeadShading, Shading<T>> shading;
+    [[no_unique_address]] detail::Slot<E, ViewColor, ViewColors<T>> view_color;
+
+    /// True if colours depend on where they are seen from.
+    bool has_view_color() const {
+        if constexpr (has_effect<E, ViewColor>) return view_color.any();
+        return false;
+    }
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
@@ -42,6 +51,8 @@ struct TwoStream : OwnParameters<T, E> {
             if (((p.delta_view.size() > 0) || ...)) f("delta_views", p.delta_view...);
         if constexpr (has_effect<E, HeadShading>)
             detail::nested_fields<Shading<T>>("shading", f, p.shading...);
+        if constexpr (has_effect<E, ViewColor>)
+            detail::nested_fields<ViewColors<T>>("view_color", f, p.view_color...);
     }
     template <class F, class... P>
     static void buffers(F&& f, P&&... p) {
@@ -110,6 +121,16 @@ ShadedFrame<T> shaded_frame(const TwoStream<T, E>& avatar, const Drivers<T, E>& 
             avatar.eyes.points_of(0)};
 }
 
+/// The head of a driven frame before its camera.
+template <class T, EffectSet E>
+    requires has_effect<E, ViewColor>
+SeenHead<T> seen_head_of(const Drivers<T, E>& drivers, const TwoStreamTrace<T, E>& trace) {
+    if constexpr (has_effect<E, HeadPose>)
+        return seen_head_of(drivers, trace.head);
+    else
+        return seen_head_of(drivers);
+}
+
 /// The transform by which delta_view moves a picture's head; the column must be there.
 template <class T, EffectSet E>
     requires has_effect<E, HeadPose>
@@ -152,6 +173,9 @@ void drive(const B& backend, const TwoStream<T, E>& avatar,
     } else {
         eye_gaussians<T>(backend, avatar.eyes, {config, optical, trace.code}, {trace.eyes, g, n});
     }
+    if constexpr (has_effect<E, ViewColor>)
+        if (avatar.has_view_color())
+            add_view_colors(backend, avatar.view_color, detail::seen_head_of(drivers, trace), g);
     if constexpr (has_effect<E, HeadShading>)
         shade(backend, avatar.shading, detail::shaded_frame(avatar, drivers), g.feature,
               trace.shading);
@@ -189,6 +213,12 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
             backend, avatar.shading,
             {detail::shaded_frame(avatar, drivers), trace.gaussians.feature, trace.shading},
             g.feature, grad.shading);
+    [[maybe_unused]] Mat3<T> g_seen = Mat3<T>::Zero();
+    if constexpr (has_effect<E, ViewColor>)
+        if (avatar.has_view_color())
+            g_seen =
+                view_colors_vjp(backend, avatar.view_color, detail::seen_head_of(drivers, trace),
+                                trace.gaussians.mean, g, grad.view_color);
     [[maybe_unused]] const auto optics_vjp = [&](const auto&... head) {
         // Lids darken what has highlights.
         if constexpr (has_effect<E, LidShadow>)
@@ -230,6 +260,7 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
         detail::take_head_sums(std::get<1>(sums).begin(), g_head);
         optics_vjp(trace.head);
         if constexpr (has_effect<E, SeesCornea>) g_head += g_frame.optics.head;
+        if constexpr (has_effect<E, ViewColor>) g_head.rotation += g_seen;
         if (const auto& [column, pivot] = frame.view; column >= 0) {
             const auto g_seen = detail::seen_head_vjp(detail::view_transform(avatar, column), pivot,
                                                       head_transform(drivers), g_head);

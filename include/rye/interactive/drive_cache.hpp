@@ -12,7 +12,8 @@
 ///     head pose           three of the face, the eye offset,  all; light, if the rotation changed
 ///                         both eyes' features
 ///     scale               none                                all
-///     the camera's place  none                                highlights' colours; refracted eyes
+///     the camera's place  none                                highlights' colours; refracted eyes;
+///                                                             all, if their colours depend on it
 ///     a pupil             none                                that eyeball
 ///     a lid, by any       none                                that eyeball's colours, if shadowed
 ///
@@ -31,6 +32,7 @@
 #include <rye/core/bits.hpp>
 #include <rye/interactive/drive_work.hpp>
 #include <rye/interactive/kept_highlights.hpp>
+#include <rye/interactive/kept_view.hpp>
 
 namespace rye {
 
@@ -74,6 +76,7 @@ class DriveCache {
         if constexpr (has_effect<E, HeadPose>)
             if (c.moves_all()) head_ = head_transform(optical.drivers);
         light(c, optical.drivers);
+        with_head([&](const auto&... head) { view_.see(*avatar_, optical.drivers, head...); });
         sum_face(c);
         place_eyes(c, optical);
         last_ = optical.drivers;
@@ -116,16 +119,7 @@ class DriveCache {
     struct Outputs {
         Columns<T> color, deform, attributes;
     };
-    struct Changes {
-        bool first = false; ///< true until the first evaluation
-        std::array<bool, face_drivers> driver{};
-        bool scale = false, light = false, view = false, bent = false;
-        std::array<bool, 2> pupil{};
-        bool any() const { return moves(0) || moves(1) || driver[0] || view; }
-        bool moves_all() const { return first || driver[1] || scale; }
-        bool moves(std::size_t e) const { return moves_all() || bent || driver[2 + e] || pupil[e]; }
-        bool attributes() const { return driver[0] || driver[1]; }
-    };
+    using Changes = detail::DriveChanges;
 
     Changes changes(const Drivers<T, E>& d) const {
         const bool lit = has_light();
@@ -146,9 +140,12 @@ class DriveCache {
                 c.pupil[eye] = !same_bits(of_eye<eye>(d.pupil), of_eye<eye>(last_->pupil));
         });
         if constexpr (has_effect<E, HeadPose>) c.scale = !same_bits(d.scale, last_->scale);
-        if constexpr (has_effect<E, SeesCornea>)
-            c.view = avatar_->eyes.optics.sees_cornea() && !same_bits(d.camera, last_->camera);
-        c.bent = c.view && avatar_->eyes.optics.refracts();
+        if constexpr (has_effect<E, ReadsCamera>) {
+            const bool other = !same_bits(d.camera, last_->camera);
+            c.tint = other && avatar_->has_view_color();
+            c.view = c.tint || (other && avatar_->eyes.optics.sees_cornea());
+            c.bent = other && avatar_->eyes.optics.refracts();
+        }
         return c;
     }
 
@@ -249,7 +246,7 @@ class DriveCache {
                     detail::activate_point(detail::raw_attributes(face), i, to, attributes_);
                 });
         work_.summed = static_cast<Index>(r.points.size());
-        if (c.moves_all())
+        if (c.moves_all() || c.tint)
             for (Index i = 0; i < rest_->count; ++i) changed_.push_back(i);
         else
             changed_ = r.points;
@@ -263,6 +260,7 @@ class DriveCache {
             to = pick_columns(from, changed_);
         }, part_, face_);
         if constexpr (has_effect<E, HeadPose>) to_world(backend_, head_, part_.scale, part_);
+        view_.tint_face(backend_, *avatar_, changed_, part_);
         if (has_light())
             for (std::size_t k = 0; k < changed_.size(); ++k)
                 shade_point(gain_, changed_[k], part_.feature, static_cast<Index>(k));
@@ -338,10 +336,11 @@ class DriveCache {
         for (std::size_t eye = 0; eye < 2; ++eye) {
             const bool gaze = c.driver[2 + eye], relit = kept && (c.view || moved[eye] || lid[eye]);
             driven[eye] = detail::drives_features<EyeAppearanceOf<E>>(eyes.appearance(), eye);
-            written[eye] = c.first || (c.light && !kept) ||
+            const bool tinted = avatar_->has_view_color() && (c.view || moved[eye]);
+            written[eye] = c.first || ((c.light || tinted) && !kept) ||
                            (driven[eye] && (c.attributes() || gaze)) ||
                            (GazeMechanismOf<E>::changes_features && gaze);
-            which[eye] = written[eye] || c.light || relit;
+            which[eye] = written[eye] || c.light || tinted || relit;
         }
         if constexpr (!detail::eyes_apart<E>)
             if (written[0] || written[1] ||
@@ -357,6 +356,7 @@ class DriveCache {
             highlights_.add(backend_, eyes, e, drivers.drivers, placed_[e],
                             detail::moved_points(eyes, pupils_).data() + 3 * first, written[e],
                             world_.feature, rest_->count);
+            view_.tint_eye(backend_, *avatar_, eye, {begin, n}, world_);
             if (has_light())
                 for (Index i = begin; i < begin + n; ++i)
                     shade_point(gain_, rest_->count + eye, world_.feature, i);
@@ -383,6 +383,7 @@ class DriveCache {
     std::optional<Drivers<T, E>> last_;
     FrameCode<T, E> code_;
     [[no_unique_address]] detail::HeadSlot<T, E> head_;
+    detail::KeptView<T, E> view_;
     std::array<Outputs, face_drivers> outputs_;
     Columns<T> attributes_;     ///< summed steps, 8 x N
     Columns<T> gain_;           ///< of the light, 3 x (N + 2)

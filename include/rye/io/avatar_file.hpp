@@ -26,11 +26,12 @@ namespace rye {
 
 /// Name of the format in the file's metadata.
 inline constexpr const char* avatar_format = "rye-avatar";
-/// Version of the format that is written for avatars whose corneas refract. Those without are of
-/// version 4 if their lids cast shadows, else of version 3, whose readers know neither. Readers
+/// Version of the format that is written for avatars whose colours depend on the view. Those
+/// without are of version 5 if their corneas refract, else of 4 if their lids cast shadows, else of
+/// 3, whose readers know none of them. Readers
 /// also accept version 2, whose avatars have no highlights, and version 1, whose avatars have no
 /// light and no driven eyes either, and a separate kappa.
-inline constexpr const char* avatar_version = "5";
+inline constexpr const char* avatar_version = "6";
 
 /// How an avatar file stores parameters other than positions.
 enum class AvatarPrecision {
@@ -119,12 +120,11 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
                                   scalars);
 
     const AvatarSettings settings{p.config, p.avatar.upsampler.shape}; // named, for nvcc
-    const bool lids = p.avatar.eyes.has_lid_shadow(), refracts = p.avatar.eyes.optics.refracts();
+    const bool lids = p.avatar.eyes.has_lid_shadow(), refracts = p.avatar.eyes.optics.refracts(),
+               view = p.avatar.view_color.any();
     TensorMetadata metadata{
         {"format", avatar_format},
-        {"version", refracts ? avatar_version
-                    : lids   ? "4"
-                             : "3"},
+        {"version", view ? avatar_version : refracts ? "5" : lids ? "4" : "3"},
         {"name", p.name},
         {"settings", detail::settings_text(settings)},
         {"gaze_axis", p.visual_axes() ? "visual" : "optical"},
@@ -134,8 +134,9 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
         {"left_eye_points", std::to_string(p.avatar.eyes.points_of(0))},
         {"expression_names", detail::names_text(p.expression_names)},
     };
-    if (refracts) metadata["refraction"] = "cornea";
-    if (lids || refracts) metadata["lid_shadow"] = lids ? "lids" : "none";
+    if (view) metadata["view_color"] = "harmonics";
+    if (refracts || view) metadata["refraction"] = refracts ? "cornea" : "none";
+    if (lids || refracts || view) metadata["lid_shadow"] = lids ? "lids" : "none";
     std::uint64_t bytes = 0;
     for (const TensorEntry& t : entries) bytes += t.bytes.size();
     write_safetensors(path, std::move(entries), std::move(metadata));
@@ -155,10 +156,12 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
             ", expected '", avatar_format,
             "'; `rye export --run RUN --out NAME.avatar` writes such a file");
     const bool first = file.word("version") == "1", second = file.word("version") == "2",
-               third = file.word("version") == "3", fourth = file.word("version") == "4";
-    require(first || second || third || fourth || file.word("version") == avatar_version, who,
+               third = file.word("version") == "3", fourth = file.word("version") == "4",
+               fifth = file.word("version") == "5";
+    const bool sixth = file.word("version") == avatar_version;
+    require(first || second || third || fourth || fifth || sixth, who,
             "metadata 'version': got '", file.word("version"),
-            "', expected '1', '2', '3', '4' or '", avatar_version, "'");
+            "', expected '1', '2', '3', '4', '5' or '", avatar_version, "'");
     require(file.checked(), who, "the metadata 'checksum' is missing");
     PlayableAvatar<T> p;
     p.name = file.word("name");
@@ -180,9 +183,11 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     const bool lids =
         !first && !second && !third &&
         detail::has_part(file, who, "lid_shadow", {"none", "lids"}, "avatar.eyes.lid_shadow");
-    const bool refracts = file.word("version") == avatar_version &&
+    const bool refracts = (fifth || sixth) &&
                           detail::has_part(file, who, "refraction", {"none", "cornea"},
                                            "avatar.eyes.refractive_index");
+    const bool view = sixth && detail::has_part(file, who, "view_color", {"none", "harmonics"},
+                                                "avatar.view_color.face");
     // Layers and parts without numbers, to be replaced by the file's.
     detail::each_network(p.avatar, p.config, driven,
                          [](const std::string&, auto& net, const MlpShape& s) {
@@ -191,6 +196,7 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
                              net.bias.resize(static_cast<std::size_t>(s.layers()));
                          });
     if (light) p.avatar.shading.light.resize(8, 3);
+    if (view) p.avatar.view_color.face.resize(9, 1);
     if (visual && !first) p.avatar.eyes.kappa.resize(2, 2);
     if (highlights) {
         const std::vector<Index>& got = file.at(lights).shape;

@@ -33,6 +33,7 @@ enum class EffectName : std::uint8_t {
     pupil,
     lid_shadow,
     head_shading,
+    view_color,
     eye_appearance,
     sh1,               ///< band 1 of the spherical harmonics
     sh2,
@@ -45,13 +46,13 @@ enum class EffectName : std::uint8_t {
 };
 
 /// Names as in the effect types and the documents, in the order of EffectName.
-inline constexpr std::array<std::string_view, 23> effect_names{
+inline constexpr std::array<std::string_view, 24> effect_names{
     "expression",         "head pose", "pose residual",    "left gaze", "right gaze",
     "eye offset",         "kappa",     "periocular",       "corneal bulge",
     "corneal refraction", "glint",     "pupil",            "lid shadow",
-    "head shading",       "eye appearance", "sh 1",        "sh 2",
-    "sh 3",               "feature channels", "antialias", "lens distortion",
-    "super-resolution",   "extra outputs"};
+    "head shading",       "view color", "eye appearance",  "sh 1",
+    "sh 2",               "sh 3",      "feature channels", "antialias",
+    "lens distortion",    "super-resolution", "extra outputs"};
 /// Number of names.
 inline constexpr std::size_t effect_count = effect_names.size();
 

@@ -194,10 +194,21 @@ struct HeadShading {
     static constexpr EffectBound droppable{1e-3, "a rotation of the head [rad]"};
 };
 
+/// Colours that depend on where a Gaussian is seen from, in the head's frame, by harmonics
+/// (avatar/view_color.hpp). Not in the paper.
+struct ViewColor {
+    static constexpr std::string_view name = "view color";
+    static constexpr Reads reads = Reads::camera;
+    static constexpr Touches touches = Touches::colour;
+    static constexpr std::string_view neutral = "coefficients 0";
+    static constexpr EffectBound droppable{1.0 / 255, "a colour's change with the view"};
+};
+
 static_assert(Effect<Expression> && Effect<HeadPose> && Effect<PoseResidual> && Effect<LeftGaze> &&
               Effect<RightGaze> && Effect<EyeOffset> && Effect<Kappa> && Effect<Periocular> &&
               Effect<CornealBulge> && Effect<CornealRefraction> && Effect<Glint> && Effect<Pupil> &&
-              Effect<LidShadow> && Effect<HeadShading> && !Effect<EffectBound>);
+              Effect<LidShadow> && Effect<HeadShading> && Effect<ViewColor> &&
+              !Effect<EffectBound>);
 
 /// Any of several effects, for members that several of them need.
 template <Effect... X>

@@ -94,7 +94,8 @@ struct DensityChange {
 namespace detail {
 
 /// Calls f(name, array...) for all arrays that have a column for each Gaussian of a face, of
-/// avatars of one kind (parameters, moments). Those of a shading that is off are empty.
+/// avatars of one kind (parameters, moments). Those of shading and of colours by the
+/// view are empty where they are off.
 template <EffectSet E, class F, class... A>
 void for_face_columns(F&& f, A&&... avatar) {
     f("face.xyz", avatar.face.position...);
@@ -103,6 +104,7 @@ void for_face_columns(F&& f, A&&... avatar) {
     f("face.rotation", avatar.face.rotation...);
     f("face.opacity", avatar.face.opacity_logit...);
     if constexpr (has_effect<E, HeadShading>) f("shading.normal", avatar.shading.normal...);
+    if constexpr (has_effect<E, ViewColor>) f("view_color.face", avatar.view_color.face...);
 }
 
 /// Throws an Error for a number that is not finite, or a mean square below 0.

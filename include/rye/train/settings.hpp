@@ -69,6 +69,7 @@ struct AvatarRates {
     double delta_view = 0;      ///< of each camera's pose, if an avatar has them
     int delta_view_from = 0;    ///< steps before those move: the head is found first [steps]
     double shading = 1e-3;      ///< for avatars with HeadShading: light and normals
+    double view_color = 5e-7;   ///< for avatars with ViewColor: a 20th of `feature`
     double light_intensity = 1e-3; ///< of highlights, for avatars with lights
     double light_position = 0;  ///< of the lights, in world units; 0 keeps them where they are
     double lid_shadow = 3e-2;   ///< of the lids' shadows, for avatars with them
@@ -90,6 +91,7 @@ struct AvatarRates {
         if (name.starts_with("eyes.eye_offset_mlp.")) return eye_offset;
         if (name == "eyes.kappa") return kappa;
         if (name.starts_with("shading.")) return shading;
+        if (name.starts_with("view_color.")) return view_color;
         if (name == "eyes.light_intensity") return light_intensity;
         if (name == "eyes.light_position") return light_position;
         if (name == "eyes.lid_shadow") return lid_shadow;
