@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernels of driven features, refraction, highlights, shadows of lids and shading, run by a
-// device's emulation on the host.
+// Kernels of driven features, refraction, highlights, shadows of lids, shading and colours by the
+// view, run by a device's emulation on the host.
 #include "../cuda/avatar_cases.hpp"
 #include "../cuda/emulated.hpp"
 
@@ -20,6 +20,12 @@ TEST_CASE("cuda, emulated: driven features, highlights and shading are the host'
     avatar_against_host<Wide>(EmulatedDevice{PhaseOrder::shuffled}, host_queue, c);
     avatar_again<Wide>(EmulatedDevice{}, host_queue, c);
     avatar_against_host<Wide>(EmulatedDevice{}, host_queue, with_corrections(c));
+    for (const int degree : {1, 2}) {
+        set_tiny_view_colors(c.avatar, degree);
+        avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
+    }
+    c.avatar.view_color = {};
+    avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
     c.avatar.shading = {};
     c.avatar.eyes.networks[0] = {};
     avatar_against_host<Wide>(EmulatedDevice{}, host_queue, c);
@@ -40,8 +46,16 @@ TEST_CASE("cuda, emulated: driven features, highlights and shading are the host'
           avatar_work<Wide>(EmulatedDevice{}, host_queue, case_with_parts<AllEffects>()).launched);
 }
 TEST_CASE("cuda, emulated: another gaze alone gives the bits of other drivers, for all parts") {
-    const WorkByDrivers lit =
-        work_by_drivers<Wide>(EmulatedDevice{}, host_queue, case_with_parts<LitEffects>());
+    AvatarCase<LitEffects> c = case_with_parts<LitEffects>();
+    const WorkByDrivers viewed = work_by_drivers<Wide>(EmulatedDevice{}, host_queue, c);
+    CHECK(viewed.gaze.at("colours before those by the view") == 1);
+    CHECK(viewed.gaze.at("colours by the view") == 1);
+    CHECK(viewed.gaze.at("shading") == 1);
+    CHECK(viewed.gaze.count("shading by a gaze") == 0);
+    CHECK(viewed.gaze.at("network, forward") == 6);
+    c.avatar.view_color = {};
+    const WorkByDrivers lit = work_by_drivers<Wide>(EmulatedDevice{}, host_queue, c);
+    CHECK(lit.gaze.count("colours by the view") == 0);
     CHECK(lit.gaze.at("shading by a gaze") == 1);
     CHECK(lit.gaze.at("eyes, highlights") == 1);
     CHECK(lit.gaze.at("eyes, refraction") == 1);

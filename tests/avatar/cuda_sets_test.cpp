@@ -57,6 +57,8 @@ TEST_CASE("cuda, emulated: highlights, driven features and shading alone are the
     parts_against_host<More<AllEffects, LidShadow, GazeBy<LearnedQuaternion>>>();
     parts_against_host<More<PaperEffects, EyesBy<DrivenFeatures>>>();
     parts_against_host<More<PaperEffects, HeadShading>>();
+    parts_against_host<More<PaperEffects, ViewColor>>();
+    parts_against_host<Effects<Expression, ViewColor>>();
 }
 TEST_CASE("cuda, emulated: another gaze alone gives the bits of other drivers, for each part") {
     variants_by_gaze<Wide>(EmulatedDevice{}, host_queue);

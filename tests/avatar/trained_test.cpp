@@ -84,6 +84,7 @@ void check_neutral_parts(const B& backend) {
     TwoStream<T, TrainedEffects> avatar = restricted<TrainedEffects>(paper);
     CHECK(avatar.eyes.kappa.size() == 0);
     CHECK_FALSE(avatar.shading.any());
+    CHECK_FALSE(avatar.has_view_color());
     CHECK_FALSE(has_driven_eyes(avatar));
     for (const double turn : {0.0, 0.4}) {
         Drivers<T> drivers = tiny_drivers<T>();
@@ -119,6 +120,7 @@ TEST_CASE("each part of a trained avatar shows, and an angle of 0 is no angle") 
     auto none = all;
     none.eyes.kappa = {};
     none.shading = {};
+    none.view_color = {};
     none.eyes.networks = {};
     none.eyes.optics = {};
     const Gaussians<double> plain = look(none);
@@ -142,6 +144,9 @@ TEST_CASE("each part of a trained avatar shows, and an angle of 0 is no angle") 
     one.shading = all.shading;
     CHECK_FALSE(alike(look(one), plain));
     one = none;
+    one.view_color = all.view_color;
+    CHECK_FALSE(alike(look(one), plain));
+    one = none;
     one.eyes.networks[0] = all.eyes.networks[0];
     CHECK(has_driven_eyes(one));
     const Gaussians<double> left = look(one);
@@ -152,7 +157,7 @@ TEST_CASE("each part of a trained avatar shows, and an angle of 0 is no angle") 
 
 TEST_CASE("a trained avatar's vjp is the transpose of its duals, whatever has no parameters") {
     const auto drivers = seen_drivers<TrainedEffects>(tiny_drivers<double>());
-    for (int on = 0; on < 32; ++on) {
+    for (int on = 0; on < 64; ++on) {
         INFO(on);
         auto a = avatar_of_trained();
         if ((on & 1) == 0) a.eyes.kappa = {};
@@ -160,6 +165,7 @@ TEST_CASE("a trained avatar's vjp is the transpose of its duals, whatever has no
         if ((on & 4) == 0) a.eyes.networks = {};
         if ((on & 8) == 0) resize_lights(a.eyes.optics, 0);
         if ((on & 16) == 0) a.eyes.optics.index = {};
+        if ((on & 32) == 0) a.view_color = {};
         CHECK(law_error<TrainedEffects>(a, drivers, 3) <= 1e-12);
     }
 }
@@ -170,6 +176,7 @@ TEST_CASE("held with fewer effects a trained avatar looks the same, highlights d
         INFO(lit);
         auto all = avatar_of_trained();
         if (!lit) all.eyes.optics = {};
+        all.view_color = {};
         const auto right = driven(all, drivers);
         const auto gap = [&]<EffectSet Fewer>(Fewer) {
             const auto a =
@@ -203,10 +210,12 @@ TEST_CASE("tensors of a trained avatar have a checkpoint's names; what is off ha
     for (const char* name : {"eyes.feature", "eyes.kappa", "eyes.left_appearance_mlp.conv0.weight",
                              "eyes.right_appearance_mlp.conv2.bias", "eyes.light_position",
                              "eyes.light_intensity", "eyes.refractive_index", "eyes.lid_shadow",
-                             "shading.light", "shading.normal", "shading.eye_normal"})
+                             "shading.light", "shading.normal", "shading.eye_normal",
+                             "view_color.face", "view_color.eyes"})
         CHECK_MESSAGE(all.count(name) == 1, name);
     a.eyes.kappa = {};
     a.shading = {};
+    a.view_color = {};
     a.eyes.networks = {};
     a.eyes.optics = {};
     a.eyes.lid_shadow = a.eyes.lid_line = {};

@@ -236,10 +236,10 @@ void mechanisms_against_host(const Device& device, const CudaQueue& queue) {
     check(More<Still, EyesBy<ConditionedFeatures>>{});
     check(More<Still, EyesBy<RotatedCode>>{});
 }
-/// Driven features, refraction, pupils, shadows of lids and shading, with kappa, a frame's
-/// correction of its pose and everything read.
+/// Driven features, refraction, pupils, shadows of lids, shading and colours by the view, with
+/// kappa, a frame's correction of its pose and everything read.
 using LitEffects = More<AllEffects, CornealRefraction, Glint, Pupil, LidShadow, HeadShading,
-                        EyesBy<DrivenFeatures>>;
+                        ViewColor, EyesBy<DrivenFeatures>>;
 
 /// The same bits again, and in a cloud driven by other numbers before.
 template <class Networks, EffectSet E, class Device>
@@ -270,6 +270,7 @@ Drivers<float, E> gazing_elsewhere(Drivers<float, E> d, [[maybe_unused]] float a
         if constexpr (eye_turns<E, eye>) of_eye<eye>(d.gaze) += Vec3<float>(aside, -0.1F, 0);
         if constexpr (pupil_moves<E, eye>) of_eye<eye>(d.pupil) *= 1 + aside;
     });
+    if constexpr (has_effect<E, ReadsCamera>) d.camera[0] += aside;
     return d;
 }
 /// The drivers with another expression and another head pose.

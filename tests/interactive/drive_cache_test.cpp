@@ -290,10 +290,31 @@ TEST_CASE("drive cache: a lid that moves changes the colours of its eye alone, w
     CHECK(all_of(cache.changed(), 1));
 }
 
+TEST_CASE("drive cache: another view changes all colours by the view, without networks") {
+    using E = More<PaperEffects, HeadShading, ViewColor>;
+    Puppet<float, E> p = puppet<float, E>();
+    DriveCache<XsimdBackend<>, float, E> cache({}, p.avatar, p.config, p.roles);
+    check(XsimdBackend<>{}, cache, p);
+    const Gaussians<float> before = cache.gaussians();
+    p.camera.camera_from_world.translation[0] += 0.5;
+    check(XsimdBackend<>{}, cache, p);
+    CHECK(cache.work().networks == 0);
+    CHECK(cache.work().eyes == 0);
+    CHECK(Index(cache.changed().size()) == before.count());
+    CHECK(cache.gaussians().mean == before.mean);
+    CHECK(cache.gaussians().feature != before.feature);
+    p.drivers.gaze[1] = Vec3<float>(0.1F, 0.2F, 0.9F).normalized();
+    check(XsimdBackend<>{}, cache, p);
+    CHECK(Index(cache.changed().size()) < before.count());
+    cache.update(p.own());
+    CHECK(cache.changed().empty());
+}
+
 TEST_CASE("drive cache: what has no parameters takes no work") {
     Puppet<float, TrainedEffects> p = puppet<float, TrainedEffects>();
     p.avatar.eyes.kappa = {};
     p.avatar.shading = {};
+    p.avatar.view_color = {};
     p.avatar.eyes.networks = {};
     p.avatar.eyes.optics = {};
     p.avatar.eyes.lid_shadow = p.avatar.eyes.lid_line = {};

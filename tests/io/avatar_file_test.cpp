@@ -41,6 +41,7 @@ TEST_CASE(
     for (const TinyParts& parts : {TinyParts{}, TinyParts{.visual = true}, TinyParts{.light = true},
                                    TinyParts{.driven_eyes = true}, TinyParts{.highlights = true},
                                    TinyParts{.lid_shadow = true}, TinyParts{.refraction = true},
+                                   TinyParts{.view_color = 1},
                                    TinyParts{true, true, true, true}}) {
         const PlayableAvatar<float> p = tiny_playable(parts);
         const std::filesystem::path path = folder.path / "a.avatar";
@@ -122,8 +123,9 @@ TEST_CASE("avatar file: other files and damaged ones are refused by what is wron
     const auto word = [&](const std::string& key, const std::string& value) {
         return edited(folder.path, p, [&](auto&, auto& metadata) { metadata[key] = value; });
     };
-    CHECK_FAULT(parse(word("version", "6")),
-                "x.avatar: metadata 'version': got '6', expected '1', '2', '3', '4' or '5'");
+    CHECK_FAULT(parse(word("version", "7")),
+                "x.avatar: metadata 'version': got '7', expected '1', '2', '3', '4', '5' or '6'");
+    CHECK_FAULT(parse(word("version", "6")), "lid_shadow");
     CHECK_FAULT(parse(word("version", "4")), "lid_shadow");
     CHECK_FAULT(parse(word("version", "5")), "lid_shadow");
     CHECK_FAULT(parse(word("highlights", "sun")), "got 'sun', expected 'none' or 'lights'");
@@ -313,6 +315,32 @@ TEST_CASE("avatar file: lids that cast shadows make a file of version 4, read as
     p.avatar.eyes.lid_shadow = p.avatar.eyes.lid_line = {};
     write_avatar(folder.path / "c", p);
     CHECK(read_safetensors(folder.path / "c").word("version") == "3");
+}
+
+TEST_CASE("avatar file: colours by the view make a file of version 6, read as it was written") {
+    const TemporaryFolder folder;
+    for (const bool all : {false, true}) {
+        PlayableAvatar<float> p =
+            tiny_playable(TinyParts{.lid_shadow = all, .refraction = all, .view_color = 2});
+        write_avatar(folder.path / "a", p, AvatarPrecision::full);
+        CHECK(read_safetensors(folder.path / "a").word("version") == "6");
+        const PlayableAvatar<float> q = read_avatar<float>(folder.path / "a");
+        CHECK(q.avatar.view_color.face == p.avatar.view_color.face);
+        CHECK(q.avatar.view_color.eyes == p.avatar.view_color.eyes);
+        CHECK(q.avatar.eyes.optics.refracts() == all);
+        CHECK(q.avatar.eyes.has_lid_shadow() == all);
+        const auto word = [&](const std::string& key, const std::string& value) {
+            return edited(folder.path, p, [&](auto&, auto& metadata) { metadata[key] = value; });
+        };
+        CHECK_FAULT(parse(word("view_color", "sun")), "got 'sun', expected 'none' or 'harmonics'");
+        CHECK_FAULT(parse(word("view_color", "none")),
+                    "got a tensor 'avatar.view_color.face', expected none");
+        p.avatar.view_color.eyes.conservativeResize(24, 3);
+        CHECK_FAULT(write_avatar(folder.path / "b", p), "'view_color.eyes': got shape (3, 24)");
+        p.avatar.view_color.face.conservativeResize(12, Eigen::NoChange);
+        CHECK_FAULT(write_avatar(folder.path / "b", p),
+                    "'view_color.face': got 12 coefficients, expected 9, 24 or 45");
+    }
 }
 
 TEST_CASE("avatar file: corneas that refract make a file of version 5, read as it was written") {

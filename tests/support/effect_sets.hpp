@@ -77,6 +77,16 @@ void set_tiny_lids(TwoStream<T, E>& avatar) {
             Vec2<T>(T(0.06) * T(k % 5 - 2), T(0.06) - T(0.015) * T((k % 5 - 2) * (k % 5 - 2)));
 }
 
+/// Gives the tiny avatar colours that depend on the view.
+template <class T, EffectSet E>
+void set_tiny_view_colors(TwoStream<T, E>& avatar, int degree = 3) {
+    Draw draw{{5, 11}};
+    const Index rows = view_color_numbers(degree);
+    avatar.view_color = {
+        draw.columns(rows, avatar.face.position.cols(), 0.2).template cast<T>(),
+        draw.columns(rows, avatar.eyes.position.cols(), 0.2).template cast<T>()};
+}
+
 /// An avatar of the gaze mechanism, the eye appearance and the shading of E, none of them neutral.
 template <EffectSet E>
 TwoStream<double, E> avatar_with_parts(std::uint64_t seed = 7) {
@@ -95,6 +105,7 @@ TwoStream<double, E> avatar_with_parts(std::uint64_t seed = 7) {
     if constexpr (has_effect<E, HeadShading>)
         a.shading = {draw.columns(8, 3, 0.5), draw.columns(3, a.face.position.cols()),
                      draw.columns(3, 2)};
+    if constexpr (has_effect<E, ViewColor>) set_tiny_view_colors(a);
     if constexpr (has_effect<E, SeesCornea>) set_tiny_lights(a.eyes.optics);
     if constexpr (has_effect<E, Pupil>) set_tiny_irises(a.eyes);
     if constexpr (has_effect<E, LidShadow>) set_tiny_lids(a);

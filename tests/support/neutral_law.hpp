@@ -33,6 +33,7 @@ template <class T, EffectSet E, Effect... X>
 void check_neutral(double most) {
     using Rest = Less<E, X...>;
     TwoStream<T, E> avatar = lifted<T>(restricted<E>(avatar_of_optics()));
+    if constexpr (has_effect<E, ViewColor>) set_tiny_view_colors(avatar);
     Drivers<T, E> drivers = restricted<E>(drivers_of_optics()).template cast<T>();
     const auto apart = [&] {
         const auto with = driven(avatar, drivers);

@@ -15,6 +15,7 @@ struct TinyParts {
     bool light = false, driven_eyes = false, highlights = false;
     bool irises = false; ///< its eyes have those, so that pupils move
     bool lid_shadow = false, refraction = false;
+    int view_color = 0; ///< degree
 };
 
 inline PlayableAvatar<float> tiny_playable(const TinyParts& parts, int doublings = 1) {
@@ -51,6 +52,7 @@ inline PlayableAvatar<float> tiny_playable(const TinyParts& parts, int doublings
     if (!parts.highlights && !parts.refraction) avatar.eyes.optics = {};
     if (parts.irises) set_tiny_irises(avatar.eyes);
     if (parts.lid_shadow) set_tiny_lids(avatar);
+    if (parts.view_color > 0) set_tiny_view_colors(avatar, parts.view_color);
     p.avatar = lifted<float>(avatar);
     p.expression_names = {"jaw", "brow", "smile"};
     p.neutral = tiny_drivers<float>();

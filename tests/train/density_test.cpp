@@ -17,7 +17,7 @@ using namespace rye::test;
 
 namespace {
 
-using Shaded = More<PaperEffects, HeadShading>;
+using Shaded = More<PaperEffects, HeadShading, ViewColor>;
 
 /// An avatar and moments of random numbers; those of its 60 Gaussians' positions are positive.
 template <EffectSet E = PaperEffects>
@@ -30,6 +30,9 @@ struct Trained {
         avatar = restricted<E>(tiny_avatar(tiny_config(), draw));
         if constexpr (has_effect<E, HeadShading>)
             avatar.shading = initial_shading<double>(draw.columns(3, 60));
+        if constexpr (has_effect<E, ViewColor>)
+            avatar.view_color = {draw.columns(9, 60),
+                                 draw.columns(9, avatar.eyes.position.cols())};
         adam = Adam<TwoStream<double, E>>(avatar);
         adam.step = 70;
         TwoStream<double, E>::fields(
@@ -186,10 +189,16 @@ TEST_CASE("density: those that are hardly opaque go, with their normals and mome
     CHECK(t.avatar.shading.normal.rightCols(39) == before.avatar.shading.normal.rightCols(39));
     CHECK(t.adam.v.shading.normal.rightCols(39) == before.adam.v.shading.normal.rightCols(39));
     CHECK(t.avatar.shading.light == before.avatar.shading.light);
+    const ViewColors<double>&now = t.avatar.view_color, &was = before.avatar.view_color;
+    CHECK(now.face.leftCols(19) == was.face.middleCols(1, 19));
+    CHECK(now.face.rightCols(39) == was.face.rightCols(39));
+    CHECK(now.eyes == was.eyes);
+    CHECK(t.adam.v.view_color.face.rightCols(39) == before.adam.v.view_color.face.rightCols(39));
     CHECK(t.adam.m.face.rotation.rightCols(39) == before.adam.m.face.rotation.rightCols(39));
     c.grow = 1;
     CHECK(change_density(backend, t.avatar, t.adam, c).face == 116);
     CHECK(t.avatar.shading.normal.cols() == 116);
+    CHECK(now.face.cols() == 116);
 
     Trained gone;
     gone.avatar.face.opacity_logit.setConstant(-8);

@@ -217,6 +217,9 @@ void export_splats(const ExportOptions& o) {
     drivers = expressed(drivers, o.expression, capture.expression_names);
     if (!o.left.empty()) drivers.gaze[0] = gaze_option(o.left, "--gaze-left");
     if (!o.right.empty()) drivers.gaze[1] = gaze_option(o.right, "--gaze-right");
+    if (state.avatar.has_view_color())
+        std::cout << o.run.string()
+                  << ": view_color is left out, a splat file has the head from everywhere alike\n";
     const Index face = state.avatar.face.position.cols();
     std::vector<GaussianCloud<float>> frames;
     const std::vector<Drivers<float>> sweep = swept(drivers, o.sweep);

@@ -213,10 +213,10 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
             backend, avatar.shading,
             {detail::shaded_frame(avatar, drivers), trace.gaussians.feature, trace.shading},
             g.feature, grad.shading);
-    [[maybe_unused]] Mat3<T> g_seen = Mat3<T>::Zero();
+    [[maybe_unused]] Mat3<T> g_view = Mat3<T>::Zero();
     if constexpr (has_effect<E, ViewColor>)
         if (avatar.has_view_color())
-            g_seen =
+            g_view =
                 view_colors_vjp(backend, avatar.view_color, detail::seen_head_of(drivers, trace),
                                 trace.gaussians.mean, g, grad.view_color);
     [[maybe_unused]] const auto optics_vjp = [&](const auto&... head) {
@@ -260,7 +260,7 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
         detail::take_head_sums(std::get<1>(sums).begin(), g_head);
         optics_vjp(trace.head);
         if constexpr (has_effect<E, SeesCornea>) g_head += g_frame.optics.head;
-        if constexpr (has_effect<E, ViewColor>) g_head.rotation += g_seen;
+        if constexpr (has_effect<E, ViewColor>) g_head.rotation += g_view;
         if (const auto& [column, pivot] = frame.view; column >= 0) {
             const auto g_seen = detail::seen_head_vjp(detail::view_transform(avatar, column), pivot,
                                                       head_transform(drivers), g_head);

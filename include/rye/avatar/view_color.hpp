@@ -11,6 +11,8 @@
 
 #include <rye/avatar/drivers.hpp>
 #include <rye/backend/each.hpp>
+#include <rye/core/column_array.hpp>
+#include <rye/core/error.hpp>
 #include <rye/core/fields.hpp>
 #include <rye/gaussian/gaussians.hpp>
 #include <rye/math/harmonics.hpp>

@@ -53,7 +53,7 @@ template <class... X>
 inline constexpr bool all_have_kernels<Effects<X...>> =
     (is_part_or_one_of<X, Expression, HeadPose, PoseResidual, LeftGaze, RightGaze, EyeOffset, Kappa,
                        Periocular, CornealBulge, CornealRefraction, Glint, Pupil, LidShadow,
-                       HeadShading> &&
+                       HeadShading, ViewColor> &&
      ...);
 
 } // namespace detail

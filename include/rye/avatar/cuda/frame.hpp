@@ -270,6 +270,7 @@ struct DeviceFrameSums {
     float* delta_pose;   ///< 6 x frames, added to, or null
     float* delta_view;   ///< 6 x cameras, added to, or null
     const float* parts = nullptr; ///< 6: of the pose as shading and features read it, or null
+    const float* seen = nullptr;  ///< 9: of the head's rotation as the camera sees it, or null
 };
 
 /// The cotangent of the pose.
@@ -294,6 +295,9 @@ struct FramePoseKernel {
                 HeadTransformGradient<float> head;
                 take_head_sums(sums.face, head);
                 for (int eye = 0; eye < 2; ++eye) take_head_sums(sums.eye[eye], head);
+                if constexpr (has_effect<E, ViewColor>)
+                    if (sums.seen != nullptr)
+                        for (int k = 0; k < 9; ++k) head.rotation.data()[k] += sums.seen[k];
                 g = frame.seen_vjp(from, head, sums.delta_view);
             }
             if constexpr (has_effect<E, ReadsPoseCode>)

@@ -18,41 +18,14 @@
 #include <limits>
 #include <memory>
 
+#include <rye/avatar/cuda/cloud_buffer.hpp>
 #include <rye/avatar/cuda/eye_stream.hpp>
 #include <rye/avatar/cuda/face_stream.hpp>
 #include <rye/avatar/cuda/head_shading.hpp>
+#include <rye/avatar/cuda/view_color.hpp>
 #include <rye/backend/cuda/resident.hpp>
 
 namespace rye {
-
-namespace detail {
-
-/// A cloud of Gaussians in device memory of its own.
-class DeviceCloudBuffer {
-  public:
-    void reserve(const CudaQueue& queue, Index count, Index channels) {
-        const Index rows[] = {3, 4, 3, 1, channels};
-        for (int k = 0; k < 5; ++k)
-            buffer_[k].reserve(queue, static_cast<std::size_t>(rows[k] * count) + 1);
-        view_ = {{buffer_[0].data(), 3, count},
-                 {buffer_[1].data(), 4, count},
-                 {buffer_[2].data(), 3, count},
-                 {buffer_[3].data(), 1, count},
-                 {buffer_[4].data(), channels, count}};
-    }
-    const DeviceGaussians<float>& view() const { return view_; }
-    std::size_t bytes() const {
-        std::size_t sum = 0;
-        for (const auto& b : buffer_) sum += b.bytes();
-        return sum;
-    }
-
-  private:
-    DeviceBuffer<float> buffer_[5];
-    DeviceGaussians<float> view_;
-};
-
-} // namespace detail
 
 /// An avatar of the host and what is the same in every frame.
 template <EffectSet E>
@@ -96,6 +69,10 @@ class DeviceTwoStream {
             shading_ = std::make_unique<DeviceHeadShading<Device>>(
                 device, queue, host_.shading,
                 detail::ShadedCounts{face_.count(), host_.eyes.points_of(0), n});
+        if constexpr (has_effect<E, ViewColor>)
+            view_color_ = std::make_unique<DeviceViewColors<E, Device>>(
+                device, queue, host_.view_color, face_.count(), n,
+                detail::DeviceSeenHead<E>{driver_numbers_.data() + drivers_.camera, state_.data()});
         device.fill(queue, sums_.data(), 0, sums_.bytes());
         face_.rest().place_into(queue, at(parameters_));
         static_cast<void>(face_.rest().finish(queue));
@@ -143,6 +120,8 @@ class DeviceTwoStream {
         if (!corrects_views()) seen = {};
         if constexpr (has_effect<E, SeesCornea>)
             if (host_.eyes.optics.sees_cornea()) detail::require_camera(drivers.camera);
+        if constexpr (has_effect<E, ViewColor>)
+            if (host_.has_view_color()) detail::require_camera(drivers.camera, "view_color");
         if constexpr (has_effect<E, Pupil>)
             static_cast<void>(detail::pupil_maps(host_.eyes, drivers));
         require(seen.column < cameras(), "DeviceTwoStream", "column of delta_view is ",
@@ -190,7 +169,9 @@ class DeviceTwoStream {
     /// memory. Lists and influences follow from the points at rest, light from the head pose. Eyes
     /// and their features are done whole, whatever changes them. Not for a vjp.
     void regaze_into([[maybe_unused]] const CudaQueue& queue) {
-        if constexpr (has_effect<E, AnyOf<LeftGaze, RightGaze>>) {
+        if constexpr (!has_effect<E, AnyOf<LeftGaze, RightGaze>>) {
+            if constexpr (has_effect<E, ReadsCamera>) redrive_into(queue);
+        } else {
             const auto of = at(parameters_);
             code(queue);
             branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
@@ -199,6 +180,11 @@ class DeviceTwoStream {
                 eyes_.regaze_into(q, of, state_.data(), eye_gaussians());
             });
             light_eyes(queue, of, false);
+            if constexpr (has_effect<E, ViewColor>)
+                if (view_color_->any()) {
+                    view_color_->color_again(queue, of, cloud(), face_.rest().gazed());
+                    return shade(queue, of);
+                }
             if constexpr (has_effect<E, HeadShading>)
                 shading_->shade_into(queue, of, cloud().feature, face_.rest().gazed());
         }
@@ -273,6 +259,7 @@ class DeviceTwoStream {
         }
         if constexpr (has_effect<E, HeadShading>)
             shading_->vjp_into(queue, of, to, {state_.data(), cloud().feature, g.feature, g_parts});
+        if constexpr (has_effect<E, ViewColor>) view_color_->vjp_into(queue, of, to, cloud(), g);
         const detail::DeviceLidPoints lids =
             eyes_.shadow_vjp_into(queue, of, to, detail::columns_from(g, {n, p}).feature);
         branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
@@ -291,6 +278,8 @@ class DeviceTwoStream {
         [[maybe_unused]] float* g_delta_view = nullptr;
         if constexpr (has_effect<E, HeadPose>)
             if (corrects_views()) g_delta_view = to(host_.delta_view).data;
+        [[maybe_unused]] const float* g_seen = nullptr;
+        if constexpr (has_effect<E, ViewColor>) g_seen = view_color_->g_rotation();
         if constexpr (has_effect<E, ReadsHeadPose>)
             device_.launch(queue, 1,
                            detail::FramePoseKernel<E>{drivers_,
@@ -303,7 +292,8 @@ class DeviceTwoStream {
                                                        sums_.data() + detail::head_sums,
                                                        to(host_.delta_pose).data,
                                                        g_delta_view,
-                                                       g_parts}});
+                                                       g_parts,
+                                                       g_seen}});
     }
     /// The cotangent of the pose after vjp_into: 6 numbers in device memory.
     const float* g_pose() const { return sums_.data() + detail::head_sums; }
@@ -314,6 +304,7 @@ class DeviceTwoStream {
     std::size_t bytes() const {
         std::size_t shading = 0;
         if constexpr (has_effect<E, HeadShading>) shading = shading_->bytes();
+        if constexpr (has_effect<E, ViewColor>) shading += view_color_->bytes();
         return shading + parameters_.bytes() + face_.bytes() + eyes_.bytes() + scratch_.bytes() +
                eye_scratch_.bytes() + cloud_.bytes() + g_cloud_.bytes() + driver_numbers_.bytes() +
                codes_numbers_.bytes() + state_.bytes() + sums_.bytes();
@@ -362,6 +353,11 @@ class DeviceTwoStream {
                 eyes_.drive_into(q, of, state_.data(), eye_gaussians(), keep);
         });
         light_eyes(queue, of, keep);
+        if constexpr (has_effect<E, ViewColor>) view_color_->color_into(queue, of, cloud());
+        shade(queue, of);
+    }
+    template <class Of>
+    void shade([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const Of& of) {
         if constexpr (has_effect<E, HeadShading>)
             shading_->shade_into(queue, of, state_.data(), cloud().feature);
     }
@@ -380,6 +376,8 @@ class DeviceTwoStream {
     DeviceEyeStream<E, Device, Networks> eyes_;
     [[no_unique_address]] detail::Slot<E, HeadShading, std::unique_ptr<DeviceHeadShading<Device>>>
         shading_;
+    [[no_unique_address]] detail::Slot<E, ViewColor, std::unique_ptr<DeviceViewColors<E, Device>>>
+        view_color_;
     detail::DeviceCloudBuffer cloud_, g_cloud_;
     DeviceBuffer<float> driver_numbers_, codes_numbers_; ///< codes, then their cotangents
     DeviceBuffer<detail::DeviceFrameState> state_;
