@@ -25,13 +25,17 @@ using AllOptics = More<All, CornealRefraction, Glint>;
 using AllPupils = More<All, Pupil>;
 using AllLids = More<All, LidShadow>;
 using AllShaded = More<All, HeadShading>;
+using AllViewed = More<All, ViewColor>;
 using DrivenEyes = EyesBy<DrivenFeatures>;
 /// An avatar without networks, which only rotates its eyes and head, with the cornea's optics.
 using Turning = Effects<HeadPose, LeftGaze, RightGaze, CornealRefraction, Glint>;
 using TurningPupils = Effects<HeadPose, LeftGaze, RightGaze, Pupil>;
 using TurningLids = Effects<HeadPose, LeftGaze, RightGaze, LidShadow>;
 using TurningShaded = Effects<HeadPose, LeftGaze, RightGaze, HeadShading>;
+using TurningViewed = Effects<HeadPose, LeftGaze, RightGaze, ViewColor>;
 constexpr Index face_points = 600, eye_points_each = 100;
+/// Degree of the colours by the view, 0: none, though the list has them.
+int view_degree = 1;
 constexpr int rounds = 12, turns_a_round = 4;
 
 Columns<float> noise(Index rows, Index cols, double size, double middle, std::uint64_t stream) {
@@ -106,8 +110,14 @@ struct Driven {
                     e.position.col(i + k) = Vec3<double>(r * std::cos(a), r * std::sin(a),
                                                          shape.iris(r)).cast<float>();
                 }
-            drivers.camera = Vec3<float>(0.5f, 0.3f, 10);
         }
+        if constexpr (has_effect<E, ReadsCamera>) drivers.camera = Vec3<float>(0.5f, 0.3f, 10);
+        if constexpr (has_effect<E, ViewColor>)
+            if (view_degree > 0) {
+                const Index rows = view_color_numbers(view_degree);
+                avatar.view_color = {noise(rows, face_points, 0.1, 0, 26),
+                                     noise(rows, n, 0.1, 0, 27)};
+            }
         if constexpr (has_effect<E, Pupil>) {
             // Two fifths of the points are an iris, the others on the sphere beyond the limbus.
             const EyeballShape shape{.iris_plane = 0.1};
@@ -156,7 +166,7 @@ struct Driven {
         TwoStream<float, E>::fields([&](const std::string& name, const auto& a) {
             if (name.find("_mlp") != std::string::npos || name == "eyes.kappa" ||
                 name == "shading.light" || name.starts_with("eyes.light_") ||
-                name == "eyes.lid_shadow")
+                name == "eyes.lid_shadow" || name.starts_with("view_color."))
                 n += a.size();
         }, avatar);
         return n;
@@ -210,6 +220,23 @@ BENCHMARK(price<AllPupils, Pupil>)->Name("price/pupil")->Iterations(1);
 BENCHMARK(price<AllLids, LidShadow>)->Name("price/lid_shadow")->Iterations(1);
 BENCHMARK(price<AllShaded, HeadShading>)->Name("price/head_shading")->Iterations(1);
 BENCHMARK(price<More<All, DrivenEyes>, DrivenEyes>)->Name("price/driven_eyes")->Iterations(1);
+template <EffectSet With, int degree>
+void view_price(benchmark::State& state) {
+    view_degree = degree;
+    price<With, ViewColor>(state);
+}
+BENCHMARK(view_price<AllViewed, 0>)->Name("price/view_color_of_degree_0")->Iterations(1);
+BENCHMARK(view_price<AllViewed, 1>)->Name("price/view_color_of_degree_1")->Iterations(1);
+BENCHMARK(view_price<AllViewed, 3>)->Name("price/view_color_of_degree_3")->Iterations(1);
+BENCHMARK(view_price<TurningViewed, 0>)
+    ->Name("price/view_color_of_degree_0_of_no_networks")
+    ->Iterations(1);
+BENCHMARK(view_price<TurningViewed, 1>)
+    ->Name("price/view_color_of_degree_1_of_no_networks")
+    ->Iterations(1);
+BENCHMARK(view_price<TurningViewed, 3>)
+    ->Name("price/view_color_of_degree_3_of_no_networks")
+    ->Iterations(1);
 BENCHMARK(price<TurningShaded, HeadShading>)
     ->Name("price/head_shading_of_no_networks")
     ->Iterations(1);

@@ -40,7 +40,8 @@ class KeptView {
         if constexpr (has_effect<E, ViewColor>)
             if (const Columns<T>& c = avatar.view_color.eyes; avatar.has_view_color())
                 add_view_color(
-                    backend, {c.data() + c.rows() * avatar.eyes.first_point(eye), c.rows(), nullptr},
+                    backend,
+                    {c.data() + c.rows() * avatar.eyes.first_point(eye), c.rows(), nullptr},
                     seen_, range, world);
     }
 
