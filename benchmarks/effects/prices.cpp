@@ -163,12 +163,14 @@ struct Driven {
     /// Number of trained parameters, without the Gaussians' own.
     Index parameters() const {
         Index n = 0;
-        TwoStream<float, E>::fields([&](const std::string& name, const auto& a) {
-            if (name.find("_mlp") != std::string::npos || name == "eyes.kappa" ||
-                name == "shading.light" || name.starts_with("eyes.light_") ||
-                name == "eyes.lid_shadow" || name.starts_with("view_color."))
-                n += a.size();
-        }, avatar);
+        TwoStream<float, E>::fields(
+            [&](const std::string& name, const auto& a) {
+                if (name.find("_mlp") != std::string::npos || name == "eyes.kappa" ||
+                    name == "shading.light" || name.starts_with("eyes.light_") ||
+                    name == "eyes.lid_shadow" || name.starts_with("view_color."))
+                    n += a.size();
+            },
+            avatar);
         return n;
     }
 };

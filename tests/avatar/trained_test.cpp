@@ -207,11 +207,11 @@ TEST_CASE("held with fewer effects a trained avatar looks the same, highlights d
 TEST_CASE("tensors of a trained avatar have a checkpoint's names; what is off has none") {
     auto a = avatar_of_trained();
     const auto all = fields_of(a);
-    for (const char* name : {"eyes.feature", "eyes.kappa", "eyes.left_appearance_mlp.conv0.weight",
-                             "eyes.right_appearance_mlp.conv2.bias", "eyes.light_position",
-                             "eyes.light_intensity", "eyes.refractive_index", "eyes.lid_shadow",
-                             "shading.light", "shading.normal", "shading.eye_normal",
-                             "view_color.face", "view_color.eyes"})
+    for (const char* name :
+         {"eyes.feature", "eyes.kappa", "eyes.left_appearance_mlp.conv0.weight",
+          "eyes.right_appearance_mlp.conv2.bias", "eyes.light_position", "eyes.light_intensity",
+          "eyes.refractive_index", "eyes.lid_shadow", "shading.light", "shading.normal",
+          "shading.eye_normal", "view_color.face", "view_color.eyes"})
         CHECK_MESSAGE(all.count(name) == 1, name);
     a.eyes.kappa = {};
     a.shading = {};

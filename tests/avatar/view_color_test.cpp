@@ -141,8 +141,8 @@ TEST_CASE("view color: a camera at a Gaussian gives it nothing, and finite gradi
     CHECK(trace.gaussians.feature.col(4) != plain.col(4));
     Gaussians<double> g = random_like(trace.gaussians, Random{5, 1});
     TwoStream<double, Viewed> grad = zeros_like(avatar);
-    const Vec<double, 6> g_pose = drive_vjp(
-        ScalarBackend<>{}, avatar, {tiny_config(), tiny_roles(), at}, trace, {g, grad});
+    const Vec<double, 6> g_pose =
+        drive_vjp(ScalarBackend<>{}, avatar, {tiny_config(), tiny_roles(), at}, trace, {g, grad});
     CHECK(g_pose.allFinite());
     CHECK(grad.view_color.face.allFinite());
     CHECK(grad.view_color.face.col(3).isZero(0));
@@ -164,8 +164,8 @@ TEST_CASE("view color: lanes and threads have the bits of a scalar backend") {
         ViewColors<float> grad = zeros_like(avatar.view_color);
         const detail::SeenHead<float> seen{at.camera, so3_exp(Vec3<float>(at.pose.head<3>()))};
         add_view_colors(backend, avatar.view_color, seen, t.gaussians);
-        const Mat3<float> r = view_colors_vjp(backend, avatar.view_color, seen, t.gaussians.mean, g,
-                                              grad);
+        const Mat3<float> r =
+            view_colors_vjp(backend, avatar.view_color, seen, t.gaussians.mean, g, grad);
         Columns<float> all(1, t.gaussians.feature.size() + g.mean.size() + 9 + grad.face.size() +
                                   grad.eyes.size());
         all << t.gaussians.feature.reshaped().transpose(), g.mean.reshaped().transpose(),

@@ -41,8 +41,7 @@ TEST_CASE(
     for (const TinyParts& parts : {TinyParts{}, TinyParts{.visual = true}, TinyParts{.light = true},
                                    TinyParts{.driven_eyes = true}, TinyParts{.highlights = true},
                                    TinyParts{.lid_shadow = true}, TinyParts{.refraction = true},
-                                   TinyParts{.view_color = 1},
-                                   TinyParts{true, true, true, true}}) {
+                                   TinyParts{.view_color = 1}, TinyParts{true, true, true, true}}) {
         const PlayableAvatar<float> p = tiny_playable(parts);
         const std::filesystem::path path = folder.path / "a.avatar";
         write_avatar(path, p, AvatarPrecision::full);

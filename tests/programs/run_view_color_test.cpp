@@ -32,8 +32,7 @@ TrainState viewed(int degree) {
 
 void step(TrainState& state) {
     AvatarSample<float> sample = small_sample(state);
-    for (int k = 0; k < 3; ++k)
-        avatar_steps(state, {})->step(state, sample, 1, [](const char*) {});
+    for (int k = 0; k < 3; ++k) avatar_steps(state, {})->step(state, sample, 1, [](const char*) {});
 }
 
 } // namespace
@@ -89,14 +88,13 @@ TEST_CASE("view color: every variant draws it; drawn without a camera there is n
 TEST_CASE("view color: a configuration has it off, and refuses it beside eyes that do not turn") {
     TrainConfig config = preset("cpu");
     CHECK(config.view_color == 0);
-    from_json({{"avatar", {{"view_color", 3}}},
-               {"gaussians", {{"rates", {{"view_color", 1e-3}}}}}},
+    from_json({{"avatar", {{"view_color", 3}}}, {"gaussians", {{"rates", {{"view_color", 1e-3}}}}}},
               "c.json", config);
     CHECK(config.view_color == 3);
     CHECK(config.gaussians.rates("view_color.eyes") == 1e-3);
     CHECK(to_json(config).at("avatar").at("view_color") == 3);
-    for (const char* const wrong : {R"({"avatar": {"view_color": true}})",
-                                    R"({"avatar": {"view_color": 4}})"})
+    for (const char* const wrong :
+         {R"({"avatar": {"view_color": true}})", R"({"avatar": {"view_color": 4}})"})
         CHECK_FAULT(from_json(Json::parse(wrong), "c.json", config), "avatar.view_color");
     TrainConfig still = preset("paper-literal");
     CHECK_FAULT(

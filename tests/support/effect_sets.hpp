@@ -82,9 +82,8 @@ template <class T, EffectSet E>
 void set_tiny_view_colors(TwoStream<T, E>& avatar, int degree = 3) {
     Draw draw{{5, 11}};
     const Index rows = view_color_numbers(degree);
-    avatar.view_color = {
-        draw.columns(rows, avatar.face.position.cols(), 0.2).template cast<T>(),
-        draw.columns(rows, avatar.eyes.position.cols(), 0.2).template cast<T>()};
+    avatar.view_color = {draw.columns(rows, avatar.face.position.cols(), 0.2).template cast<T>(),
+                         draw.columns(rows, avatar.eyes.position.cols(), 0.2).template cast<T>()};
 }
 
 /// An avatar of the gaze mechanism, the eye appearance and the shading of E, none of them neutral.

@@ -31,8 +31,7 @@ struct Trained {
         if constexpr (has_effect<E, HeadShading>)
             avatar.shading = initial_shading<double>(draw.columns(3, 60));
         if constexpr (has_effect<E, ViewColor>)
-            avatar.view_color = {draw.columns(9, 60),
-                                 draw.columns(9, avatar.eyes.position.cols())};
+            avatar.view_color = {draw.columns(9, 60), draw.columns(9, avatar.eyes.position.cols())};
         adam = Adam<TwoStream<double, E>>(avatar);
         adam.step = 70;
         TwoStream<double, E>::fields(

@@ -214,10 +214,10 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
     const bool expression_varies = d.expression.width() > b.coefficient;
     const bool pose_varies = d.pose.width() > b.coefficient || d.scale.width() > b.move;
     if (!drivers)
-        for (const EffectName e : {expression, head_pose, pose_residual, left_gaze, right_gaze,
-                                   eye_offset, kappa, periocular, corneal_bulge, corneal_refraction,
-                                   glint, pupil, lid_shadow, head_shading, view_color,
-                                   eye_appearance})
+        for (const EffectName e :
+             {expression, head_pose, pose_residual, left_gaze, right_gaze, eye_offset, kappa,
+              periocular, corneal_bulge, corneal_refraction, glint, pupil, lid_shadow, head_shading,
+              view_color, eye_appearance})
             say(e, false, "nothing here is driven");
     else {
         if (expression_varies && avatar && a.moved_by_expression == 0)

@@ -37,9 +37,8 @@ struct GazeVariant
     static constexpr std::string_view name = "gaze";
 };
 /// A camera that moves around a head that does not.
-struct StillVariant
-    : AvatarVariant<Effects<HeadPose, CornealBulge, CornealRefraction, Glint, LidShadow,
-                            HeadShading, ViewColor>> {
+struct StillVariant : AvatarVariant<Effects<HeadPose, CornealBulge, CornealRefraction, Glint,
+                                            LidShadow, HeadShading, ViewColor>> {
     static constexpr std::string_view name = "still";
 };
 

@@ -108,7 +108,7 @@ struct AddViewColor {
     const T* mean;         ///< world, 3 x n
     SeenHead<T> seen;
     Index channels;
-    T* feature;            ///< channels x n
+    T* feature; ///< channels x n
 
     RYE_HD void add(Index i, const T* own) const {
         const ViewedPoint<T, degree> point(column3(mean, i), seen);
@@ -216,12 +216,12 @@ Mat3<T> view_colors_vjp(const B& backend, const ViewColors<T>& colors,
         const Index rows = g.feature.rows();
         detail::with_view_degree(from.rows(), [&](auto degree) {
             using Sums = detail::AddViewColorsVjp<T, degree()>;
-            const detail::SumsOf<Sums> sums = detail::sum_each(
-                backend, from.cols(),
-                Sums{{mean.data() + 3 * begin, seen, rows, g.feature.data() + rows * begin,
-                      g.mean.data() + 3 * begin},
-                     from.data(),
-                     to.data()});
+            const detail::SumsOf<Sums> sums =
+                detail::sum_each(backend, from.cols(),
+                                 Sums{{mean.data() + 3 * begin, seen, rows,
+                                       g.feature.data() + rows * begin, g.mean.data() + 3 * begin},
+                                      from.data(),
+                                      to.data()});
             for (std::size_t k = 0; k < 9; ++k) g_rotation.data()[k] += sums[k];
         });
     };

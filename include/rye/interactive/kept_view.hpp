@@ -16,8 +16,7 @@ class KeptView {
     /// Takes a frame's camera and head, if the avatar's effects have one.
     template <class... Head>
     void see([[maybe_unused]] const TwoStream<T, E>& avatar,
-             [[maybe_unused]] const Drivers<T, E>& drivers,
-             [[maybe_unused]] const Head&... head) {
+             [[maybe_unused]] const Drivers<T, E>& drivers, [[maybe_unused]] const Head&... head) {
         if constexpr (has_effect<E, ViewColor>)
             if (avatar.has_view_color()) seen_ = seen_head_of(drivers, head...);
     }
@@ -41,8 +40,8 @@ class KeptView {
             if (const Columns<T>& c = avatar.view_color.eyes; avatar.has_view_color())
                 add_view_color(
                     backend,
-                    {c.data() + c.rows() * avatar.eyes.first_point(eye), c.rows(), nullptr},
-                    seen_, range, world);
+                    {c.data() + c.rows() * avatar.eyes.first_point(eye), c.rows(), nullptr}, seen_,
+                    range, world);
     }
 
   private:

@@ -124,7 +124,10 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
                view = p.avatar.view_color.any();
     TensorMetadata metadata{
         {"format", avatar_format},
-        {"version", view ? avatar_version : refracts ? "5" : lids ? "4" : "3"},
+        {"version", view       ? avatar_version
+                    : refracts ? "5"
+                    : lids     ? "4"
+                               : "3"},
         {"name", p.name},
         {"settings", detail::settings_text(settings)},
         {"gaze_axis", p.visual_axes() ? "visual" : "optical"},
@@ -159,9 +162,8 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
                third = file.word("version") == "3", fourth = file.word("version") == "4",
                fifth = file.word("version") == "5";
     const bool sixth = file.word("version") == avatar_version;
-    require(first || second || third || fourth || fifth || sixth, who,
-            "metadata 'version': got '", file.word("version"),
-            "', expected '1', '2', '3', '4', '5' or '", avatar_version, "'");
+    require(first || second || third || fourth || fifth || sixth, who, "metadata 'version': got '",
+            file.word("version"), "', expected '1', '2', '3', '4', '5' or '", avatar_version, "'");
     require(file.checked(), who, "the metadata 'checksum' is missing");
     PlayableAvatar<T> p;
     p.name = file.word("name");
@@ -183,9 +185,9 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     const bool lids =
         !first && !second && !third &&
         detail::has_part(file, who, "lid_shadow", {"none", "lids"}, "avatar.eyes.lid_shadow");
-    const bool refracts = (fifth || sixth) &&
-                          detail::has_part(file, who, "refraction", {"none", "cornea"},
-                                           "avatar.eyes.refractive_index");
+    const bool refracts =
+        (fifth || sixth) && detail::has_part(file, who, "refraction", {"none", "cornea"},
+                                             "avatar.eyes.refractive_index");
     const bool view = sixth && detail::has_part(file, who, "view_color", {"none", "harmonics"},
                                                 "avatar.view_color.face");
     // Layers and parts without numbers, to be replaced by the file's.

@@ -35,24 +35,41 @@ enum class EffectName : std::uint8_t {
     head_shading,
     view_color,
     eye_appearance,
-    sh1,               ///< band 1 of the spherical harmonics
+    sh1, ///< band 1 of the spherical harmonics
     sh2,
     sh3,
-    feature_channels,  ///< more than three channels
+    feature_channels, ///< more than three channels
     antialias,
     lens_distortion,
     super_resolution,
-    extra_outputs      ///< depth, normals, contributors
+    extra_outputs ///< depth, normals, contributors
 };
 
 /// Names as in the effect types and the documents, in the order of EffectName.
-inline constexpr std::array<std::string_view, 24> effect_names{
-    "expression",         "head pose", "pose residual",    "left gaze", "right gaze",
-    "eye offset",         "kappa",     "periocular",       "corneal bulge",
-    "corneal refraction", "glint",     "pupil",            "lid shadow",
-    "head shading",       "view color", "eye appearance",  "sh 1",
-    "sh 2",               "sh 3",      "feature channels", "antialias",
-    "lens distortion",    "super-resolution", "extra outputs"};
+inline constexpr std::array<std::string_view, 24> effect_names{"expression",
+                                                               "head pose",
+                                                               "pose residual",
+                                                               "left gaze",
+                                                               "right gaze",
+                                                               "eye offset",
+                                                               "kappa",
+                                                               "periocular",
+                                                               "corneal bulge",
+                                                               "corneal refraction",
+                                                               "glint",
+                                                               "pupil",
+                                                               "lid shadow",
+                                                               "head shading",
+                                                               "view color",
+                                                               "eye appearance",
+                                                               "sh 1",
+                                                               "sh 2",
+                                                               "sh 3",
+                                                               "feature channels",
+                                                               "antialias",
+                                                               "lens distortion",
+                                                               "super-resolution",
+                                                               "extra outputs"};
 /// Number of names.
 inline constexpr std::size_t effect_count = effect_names.size();
 

@@ -94,8 +94,8 @@ struct ViewColorPointVjp {
     template <class Sums>
     RYE_DEVICE void operator()(Index i, Sums& sum) const {
         constexpr Index numbers = view_color_numbers(degree);
-        Add{mean, seen(), g_feature.rows, g_feature.data, g_mean}.add(
-            i, colors.of(i, numbers), g_colors.of(i, numbers), sum);
+        Add{mean, seen(), g_feature.rows, g_feature.data, g_mean}.add(i, colors.of(i, numbers),
+                                                                      g_colors.of(i, numbers), sum);
     }
 };
 
@@ -138,9 +138,8 @@ class DeviceViewColors {
     void color_again(const CudaQueue& queue, const Of& of, const DeviceGaussians<float>& cloud,
                      const detail::GazedPoints& points) {
         if (!any()) return;
-        launch_each(
-            device_, queue, points.count() + all_ - faces_,
-            detail::KeepPlainColors{points, faces_, cloud.feature, plain_.data()});
+        launch_each(device_, queue, points.count() + all_ - faces_,
+                    detail::KeepPlainColors{points, faces_, cloud.feature, plain_.data()});
         add(queue, of, cloud, false);
     }
     /// Adds the gradients of the coefficients to `to` and those of the means to `g`, given those of
@@ -152,8 +151,12 @@ class DeviceViewColors {
         detail::with_view_degree(host_->face.rows(), [&](auto degree) {
             sums_.launch(queue, all_,
                          detail::ViewColorPointVjp<E, degree()>{
-                             colors(of), {to(host_->face).data, to(host_->eyes).data, faces_},
-                             seen_, cloud.mean.data, g.feature, g.mean.data},
+                             colors(of),
+                             {to(host_->face).data, to(host_->eyes).data, faces_},
+                             seen_,
+                             cloud.mean.data,
+                             g.feature,
+                             g.mean.data},
                          {numbers_.data()});
         });
     }
