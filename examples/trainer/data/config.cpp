@@ -125,6 +125,7 @@ void walk(F& f, TrainConfig& c) {
         f("mouth_points", g.mouth_points, Range{0, 1e7});
         f("spacing", g.spacing, Range{1e-4, 1000, true});
         f("spacing_slope", g.spacing_slope, Range{0, 1000});
+        f("lid_margin", g.lid_margin, Range{1e-3, 1000, true});
         f("opacity", g.opacity, part);
         f("thickness", g.thickness, Range{1e-6, 1});
         f("rate_decay", g.rate_decay, above_zero);

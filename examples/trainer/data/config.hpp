@@ -66,6 +66,9 @@ struct AvatarTrainConfig {
     /// Edges of the neutral surface longer than spacing + spacing_slope * (distance to the nearest
     /// eye or lip landmark) are halved, canonical units; spacing 0: none.
     double spacing = 0, spacing_slope = 0.1;
+    /// Spacing of Gaussians on the lids' margins and at the corners by the nose, canonical units;
+    /// 0: none.
+    double lid_margin = 0;
     double opacity = 0.3;       ///< initial
     /// Initial thickness of the face's Gaussians along the normal, times their width; 1: round.
     double thickness = 1;

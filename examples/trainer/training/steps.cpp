@@ -46,6 +46,7 @@ AvatarInit<float> avatar_init(const TrainState& state, const TetGrid<float>& gri
     init.mouth_points = config.gaussians.mouth_points;
     init.spacing = static_cast<float>(config.gaussians.spacing);
     init.spacing_slope = static_cast<float>(config.gaussians.spacing_slope);
+    init.lid_margin = static_cast<float>(config.gaussians.lid_margin);
     init.opacity = static_cast<float>(config.gaussians.opacity);
     init.thickness = static_cast<float>(config.gaussians.thickness);
     init.eye_opacity = static_cast<float>(config.gaussians.eyeball.opacity);

@@ -13,6 +13,7 @@
 #include <rye/geometry/refine.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/rig/eyeball.hpp>
+#include <rye/train/lid_margin.hpp>
 
 namespace rye {
 
@@ -60,6 +61,7 @@ struct AvatarInit {
     /// lip landmark) are halved; spacing 0: none. Canonical units.
     T spacing = T(0), spacing_slope = T(0.1);
     int mouth_points = 3000;
+    T lid_margin = T(0); ///< spacing of Gaussians on the lids' margins; 0: none. Canonical units.
     T opacity = T(0.3);
     /// Thickness of the surface's Gaussians along its normal, times their width; 1: round.
     T thickness = T(1);
@@ -139,19 +141,21 @@ struct FacePoints {
     TriangleMesh<T> surface; ///< neutral, refined, outside the eyeballs
     Columns<T> feature;      ///< features of its vertices
     Columns<T> mouth;        ///< points in the mouth, which follow the vertices, 3 x M
+    Columns<T> margin;       ///< lid_margin_points outside the eyeballs, which follow these, 3 x L
+    Columns<T> margin_normals; ///< unit, from the eyeballs' centres, 3 x L
     std::array<EyeballTemplate<T>, 2> eyeball;
 
     /// Returns all points, in the order of the face's Gaussians, 3 x N.
     Columns<T> positions() const {
-        Columns<T> p(3, surface.vertices.cols() + mouth.cols());
-        p << surface.vertices, mouth;
+        Columns<T> p(3, surface.vertices.cols() + mouth.cols() + margin.cols());
+        p << surface.vertices, mouth, margin;
         return p;
     }
     /// Returns the unit normals of all points, 3 x N; +z in the mouth.
     Columns<T> normals() const {
-        Columns<T> n(3, surface.vertices.cols() + mouth.cols());
+        Columns<T> n(3, surface.vertices.cols() + mouth.cols() + margin.cols());
         n << detail::vertex_normals(surface.vertices, surface.faces),
-            Vec3<T>(T(0), T(0), T(1)).replicate(1, mouth.cols());
+            Vec3<T>(T(0), T(0), T(1)).replicate(1, mouth.cols()), margin_normals;
         return n;
     }
 };
@@ -171,6 +175,8 @@ FacePoints<T> face_points(const B& backend, const GuidanceMesh<T, E>& mesh,
         {neutral.surface.positions, neutral.surface.topology.faces},
         neutral.feature,
         {},
+        Columns<T>(3, 0),
+        Columns<T>(3, 0),
         {eyeball_template<T>(init.eyeball[0]), eyeball_template<T>(init.eyeball[1])}};
     // Eyes and lips are landmarks 36 to 47 and 48 to 65 of GHA's numbering.
     if (init.spacing > T(0))
@@ -182,6 +188,21 @@ FacePoints<T> face_points(const B& backend, const GuidanceMesh<T, E>& mesh,
                          init.eye_centre.col(eye), points.surface.vertices);
     points.mouth =
         mouth_points<T>(mesh.landmarks.middleCols(48, 18), init.mouth_points, random.fork(21));
+    if (init.lid_margin > T(0)) {
+        const LidMargin<T> lids =
+            lid_margin_points<T>(mesh.landmarks, init.eye_centre, init.lid_margin);
+        points.margin = lids.points;
+        points.margin_normals = lids.points;
+        for (Index eye = 0; eye < 2; ++eye) {
+            const Index first = eye == 0 ? 0 : lids.left, count = lids.points_of(eye);
+            const Vec3<T> centre = init.eye_centre.col(eye);
+            Columns<T> of_eye = lids.points.middleCols(first, count);
+            leave_eyeball<T>(points.eyeball[static_cast<std::size_t>(eye)].points, centre, of_eye);
+            points.margin.middleCols(first, count) = of_eye;
+            points.margin_normals.middleCols(first, count) =
+                (of_eye.colwise() - centre).colwise().normalized();
+        }
+    }
     return points;
 }
 
@@ -208,20 +229,30 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     TwoStream<T, E> a;
     FaceStream<T, E>& f = a.face;
     f.position = points_of_face.positions();
-    const Index n = f.position.cols();
+    const Index n = f.position.cols(), lids = points_of_face.margin.cols();
     if constexpr (has_effect<E, FaceDrivers>) {
         f.feature = Columns<T>::Zero(config.feature, n);
         f.feature.leftCols(surface.cols()) = feature.unaryExpr([](const T& v) {
             const T limit = T(detail::max_initial_feature);
             return T(std::atanh(std::clamp(v, -limit, limit)));
         });
+        if (lids > 0) { // the first colour and motion of the skin beside them
+            const detail::PointGrid<T> skin(surface);
+            for (Index k = n - lids; k < n; ++k)
+                f.feature.col(k) =
+                    f.feature.col(skin.template nearest<1>(f.position.col(k))[0]).eval();
+        }
         f.landmarks = mesh.landmarks;
     }
     if constexpr (face_rests<E>) f.rest_color = Columns<T>::Zero(config.channels, n);
-    const Columns<T> d2 = mean_squared_neighbour_distance(backend, f.position);
-    f.log_scale = d2.unaryExpr([](const T& v) {
-        return T(0.5) * std::log(std::max(v, T(1e-7)));
-    }).replicate(3, 1);
+    // Those of the skin are as large as without any on the margins, so that it has no holes.
+    const Columns<T> d2 =
+        mean_squared_neighbour_distance<T>(backend, f.position.leftCols(n - lids));
+    f.log_scale.resize(3, n);
+    f.log_scale.leftCols(n - lids) = d2.unaryExpr([](const T& v) {
+                                           return T(0.5) * std::log(std::max(v, T(1e-7)));
+                                       }).replicate(3, 1);
+    if (lids > 0) f.log_scale.rightCols(lids).setConstant(std::log(init.lid_margin));
     f.rotation = Columns<T>::Zero(4, n);
     f.rotation.row(0).setOnes();
     if (init.thickness < T(1))
