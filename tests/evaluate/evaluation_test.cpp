@@ -6,6 +6,8 @@
 
 #include <doctest/doctest.h>
 
+#include <rye/train/lid_margin.hpp>
+
 #include "../programs/tiny_capture.hpp"
 #include "../programs/tiny_run.hpp"
 #include "data/picture.hpp"
@@ -140,6 +142,66 @@ TEST_CASE("evaluation: crops around the eyes count the skin alone, whatever the 
     CHECK(eyes.eyes.psnr.value() != before.eyes.psnr.value());
     CHECK(skin.eye_skin.psnr.value() != before.eye_skin.psnr.value());
     CHECK(before.json()["eyes_painted_white"]["psnr"] == before.eye_skin.psnr.value());
+}
+
+TEST_CASE("evaluation: lids' margins are the pixels beside the lids' lines of visible eyes") {
+    const Folder folder;
+    const TinyCapture files(folder.path);
+    draw_eyes(files, 0, 0, 5);
+    for (int f = 0; f < TinyCapture::frames; ++f)
+        TinyCapture::set(files.params(f, "params.npz"), "exp_coeff", {1, 3},
+                         std::vector<float>{0.1f, 0.2f, 0.3f});
+    const Capture labels = read_capture(folder.path);
+    const Pinhole<double> view = labels.camera(0, 0);
+    // Distance of a pixel's middle from both eyes' lines, over the margins' half width.
+    const auto distance = [&](int x, int y) {
+        double least = 1e9;
+        for (int eye = 0; eye < 2; ++eye) {
+            const CaptureFrame& frame = labels.frames[0];
+            const LidLines<double> lids = lid_lines<double>(frame.landmarks, eye, 1e-4);
+            for (const Columns<double>* line : {&lids.upper, &lids.lower})
+                for (Index k = 0; k < line->cols(); ++k) {
+                    const Vec3<double> at = view.project_point(line->col(k));
+                    const double half = 0.01 * lid_margin_mm * frame.scale * view.fx / at.z();
+                    least = std::min(least,
+                                     (Vec2<double>(x + 0.5, y + 0.5) - at.head<2>()).norm() / half);
+                }
+        }
+        return least;
+    };
+    const Image8 photograph = read_image8(files.image(0, 0), 3);
+    int inside = 0;
+    const auto measured = [&](bool margins, bool others) { // after a change of photograph
+        Image8 changed = photograph;
+        inside = 0;
+        for (int y = 0; y < TinyCapture::size; ++y)
+            for (int x = 0; x < TinyCapture::size; ++x) {
+                const double away = distance(x, y);
+                inside += away < 0.9 ? 1 : 0;
+                if (!(margins && away < 0.9) && !(others && away > 1.1)) continue;
+                for (int c = 0; c < 3; ++c) {
+                    std::uint8_t& v =
+                        changed
+                            .values[static_cast<std::size_t>(3 * (y * TinyCapture::size + x) + c)];
+                    v = static_cast<std::uint8_t>(v < 128 ? v + 90 : v - 90);
+                }
+            }
+        write_png(files.image(0, 0), changed);
+        const Capture capture = read_capture(folder.path);
+        const TrainState run = drawn_state(tiny_state());
+        Image<float> picture;
+        return Evaluation(run, capture).view(0, 0, picture);
+    };
+    const ViewResult before = measured(false, false), margins = measured(true, false),
+                     others = measured(false, true);
+    CHECK(inside > 3);
+    REQUIRE(before.lid_margins.psnr.count == 1);
+    CHECK(others.lid_margins.psnr.value() == before.lid_margins.psnr.value());
+    CHECK(others.eyes.psnr.value() != before.eyes.psnr.value());
+    CHECK(margins.lid_margins.psnr.value() != before.lid_margins.psnr.value());
+    CHECK(before.json()["lid_margins"]["psnr"] == before.lid_margins.psnr.value());
+    draw_eyes(files, 0, 0, 0); // no visible eye
+    CHECK(measured(false, false).lid_margins.psnr.count == 0);
 }
 
 TEST_CASE("evaluation: LPIPS of what is white outside the head, where a distance is given") {

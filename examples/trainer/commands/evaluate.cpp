@@ -52,18 +52,22 @@ std::string cell(const Mean& m, const char* format) {
 using Row = std::pair<std::string, ViewResult>;
 
 void print_quality(const std::vector<Row>& rows) {
-    std::printf("%-20s %7s %7s %7s %7s %7s %7s %7s\n%-20s %7s %7s %7s %7s %7s %7s %7s\n", "",
-                "head", "head", "face", "eyes", "skin", "skin", "head", "", "PSNR", "SSIM", "PSNR",
-                "PSNR", "PSNR", "SSIM", "LPIPS");
+    std::printf("%-20s %7s %7s %7s %7s %7s %7s %7s %7s\n%-20s %7s %7s %7s %7s %7s %7s %7s %7s\n",
+                "", "head", "head", "face", "eyes", "skin", "skin", "lids", "head", "", "PSNR",
+                "SSIM", "PSNR", "PSNR", "PSNR", "SSIM", "PSNR", "LPIPS");
     for (const auto& [name, r] : rows)
-        std::printf("%-20s %7s %7s %7s %7s %7s %7s %7s\n", name.c_str(),
+        std::printf("%-20s %7s %7s %7s %7s %7s %7s %7s %7s\n", name.c_str(),
                     cell(r.head.psnr, "%.2f").c_str(), cell(r.head.ssim, "%.3f").c_str(),
                     cell(r.face.psnr, "%.2f").c_str(), cell(r.eyes.psnr, "%.2f").c_str(),
                     cell(r.eye_skin.psnr, "%.2f").c_str(), cell(r.eye_skin.ssim, "%.3f").c_str(),
-                    cell(r.lpips, "%.3f").c_str());
+                    cell(r.lid_margins.psnr, "%.2f").c_str(), cell(r.lpips, "%.3f").c_str());
     std::printf(
-        "PSNR [dB] over the pixels of the area, SSIM over the area. Eye skin: the rectangles\n"
-        "around the eyes with the capture's eyeballs painted white on both pictures.\n");
+        "PSNR [dB] over the pixels of the area, SSIM over the area. Skin: the rectangles around "
+        "the\n"
+        "eyes with the capture's eyeballs painted white on both pictures. Lids: the lids' "
+        "margins,\n"
+        "%.1f mm to both sides of their lines.\n",
+        lid_margin_mm);
     if (rows.front().second.lpips.count == 0)
         std::printf("not run: LPIPS, which needs --perceptual-weights\n");
 }

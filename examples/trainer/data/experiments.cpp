@@ -180,6 +180,7 @@ const std::vector<Metric>& all_metrics() {
         {"eyes_psnr", "PSNR, eyes [dB]", "/eyes/psnr", 2},
         {"skin_ssim", "SSIM, eye crops, eyeballs white", "/eyes_painted_white/ssim", 3},
         {"skin_psnr", "PSNR, eye crops, eyeballs white [dB]", "/eyes_painted_white/psnr", 2},
+        {"lids_psnr", "PSNR, lids' margins [dB]", "/lid_margins/psnr", 2},
         {"lpips", "LPIPS", "/lpips", 3},
         {"gaze", "gaze error [deg]", "/gaze/render/degrees", 2},
         {"gaze_where_found", "gaze error where found [deg]", "/gaze/render/degrees_where_found", 2},

@@ -6,6 +6,7 @@
 #include <rye/loss/photometric.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
+#include <rye/train/lid_margin.hpp>
 
 #include "corrections/highlight_spots.hpp"
 #include "corrections/lights.hpp"
@@ -23,8 +24,39 @@ struct Areas {
     Columns<float> head;  ///< the subject's mask
     Columns<float> face;  ///< the head inside the convex hull of the projected landmarks
     Columns<float> eyes;  ///< rectangles around the visible eyeballs, enlarged by half
+    Columns<float> lids;  ///< the part of eyes near the lids' lines
     Columns<float> skin;  ///< all except the visible eyeballs
 };
+
+/// Sets pixels to `to` whose middles are less than `radius` from a place [px].
+void fill_disc(const Vec2<double>& middle, double radius, const Image<float>& from,
+               Columns<float>& to) {
+    const auto first = [&](double at, int size) {
+        return std::clamp(static_cast<int>(std::ceil(at - radius - 0.5)), 0, size);
+    };
+    const auto last = [&](double at, int size) {
+        return std::clamp(static_cast<int>(std::floor(at + radius - 0.5)) + 1, 0, size);
+    };
+    for (int y = first(middle.y(), from.height); y < last(middle.y(), from.height); ++y)
+        for (int x = first(middle.x(), from.width); x < last(middle.x(), from.width); ++x)
+            if ((Vec2<double>(x + 0.5, y + 0.5) - middle).norm() < radius)
+                to(0, static_cast<Index>(y) * from.width + x) = 1;
+}
+
+/// Returns the pixels less than lid_margin_mm from the lines of an eye's lids.
+Columns<float> near_lids(const CaptureFrame& f, const Pinhole<double>& view, int eye,
+                         const Image<float>& mask) {
+    const double unit = 0.01 * f.scale; // of the world in a mm
+    Columns<float> near = Columns<float>::Zero(1, mask.size());
+    const LidLines<double> lids = lid_lines<double>(f.landmarks, eye, 0.2 * unit);
+    for (const Columns<double>* line : {&lids.upper, &lids.lower})
+        for (Index k = 0; k < line->cols(); ++k) {
+            const Vec3<double> at = view.project_point(line->col(k));
+            if (at.z() <= 0) continue;
+            fill_disc(at.head<2>(), lid_margin_mm * unit * view.fx / at.z(), mask, near);
+        }
+    return near;
+}
 
 /// Returns the convex hull of points [px], counter-clockwise (Andrew's monotone chain).
 std::vector<Vec2<double>> convex_hull(std::vector<Vec2<double>> p) {
@@ -70,7 +102,7 @@ Areas areas_of(const Photograph& photograph, const CaptureFrame& f, const Pinhol
                     a.face(0, static_cast<Index>(y) * mask.width + x) = 0;
             }
     a.skin = (eyes.pixels.topRows(2).colwise().maxCoeff().array() < 0.5f).cast<float>();
-    a.eyes = Columns<float>::Zero(1, mask.size());
+    a.eyes = a.lids = Columns<float>::Zero(1, mask.size());
     for (int eye = 0; eye < 2; ++eye) {
         int x0 = mask.width, x1 = -1, y0 = mask.height, y1 = -1;
         for (int y = 0; y < mask.height; ++y)
@@ -81,10 +113,13 @@ Areas areas_of(const Photograph& photograph, const CaptureFrame& f, const Pinhol
                 }
         if (x1 < 0) continue;
         const int dx = (x1 - x0 + 1) / 4 + 1, dy = (y1 - y0 + 1) / 4 + 1;
+        const Columns<float> near = near_lids(f, view, eye, mask);
         for (int y = std::max(0, y0 - dy); y <= std::min(mask.height - 1, y1 + dy); ++y)
-            for (int x = std::max(0, x0 - dx); x <= std::min(mask.width - 1, x1 + dx); ++x)
-                a.eyes(0, static_cast<Index>(y) * mask.width + x) =
-                    a.head(0, static_cast<Index>(y) * mask.width + x);
+            for (int x = std::max(0, x0 - dx); x <= std::min(mask.width - 1, x1 + dx); ++x) {
+                const Index p = static_cast<Index>(y) * mask.width + x;
+                a.eyes(0, p) = a.head(0, p);
+                a.lids(0, p) = std::max(a.lids(0, p), a.head(0, p) * near(0, p));
+            }
     }
     return a;
 }
@@ -176,7 +211,7 @@ Json GazeTable::json() const {
 
 void ViewResult::add(const ViewResult& v) {
     head.add(v.head), face.add(v.face), eyes.add(v.eyes), eye_skin.add(v.eye_skin);
-    eyeballs.add(v.eyeballs);
+    eyeballs.add(v.eyeballs), lid_margins.add(v.lid_margins);
     lpips.add(v.lpips);
     eyes_in_view += v.eyes_in_view, eyes_visible += v.eyes_visible;
     measured.add(v.measured), own.add(v.own);
@@ -188,6 +223,7 @@ Json ViewResult::json() const {
             {"eyes", eyes.json()},
             {"eyes_painted_white", eye_skin.json()},
             {"eyeballs", eyeballs.json()},
+            {"lid_margins", lid_margins.json()},
             {"lpips", lpips.json()},
             {"eyes_in_view", eyes_in_view},
             {"eyes_visible", eyes_visible},
@@ -291,6 +327,7 @@ Evaluation::Measured Evaluation::measured(const MeasuredView& v, Renders shown) 
     r.eye_skin =
         quality(white_outside(image, areas.skin), white_outside(truth, areas.skin), areas.eyes);
     r.eyeballs = quality(image, truth, (1 - areas.skin.array()).matrix());
+    r.lid_margins = quality(image, truth, areas.lids);
     if (lpips_) {
         m.head = white_outside(image, areas.head);
         m.head_truth = white_outside(truth, areas.head);

@@ -26,6 +26,9 @@ namespace rye::trainer {
 /// on the sphere, so that showing no iris never pays off [deg].
 inline constexpr double missed_degrees = 90;
 
+/// Half the width of the lids' margins, where 1 unit is 100 mm [mm].
+inline constexpr double lid_margin_mm = 1.5;
+
 /// Mean of the measured values.
 struct Mean {
     double sum = 0;
@@ -77,6 +80,9 @@ struct ViewResult {
     /// pictures: the quality of the skin around the eyes.
     Quality eye_skin;
     Quality eyeballs;      ///< over the visible eyeballs of the capture
+    /// Quality over the pixels of `eyes` less than lid_margin_mm from the lines of a visible eye's
+    /// lids, through its landmarks, corners included.
+    Quality lid_margins;
     Mean lpips;            ///< over the picture, white outside the head; empty without weights
     /// Rectangle around `eyes` of one view: x, y, width, height [px]; width 0 without visible eyes.
     std::array<int, 4> eyes_box{};
