@@ -51,6 +51,9 @@
 #ifndef WITHOUT_HEAD_SHADING
 #define WITHOUT_HEAD_SHADING 0
 #endif
+#ifndef WITHOUT_VIEW_COLOR
+#define WITHOUT_VIEW_COLOR 0
+#endif
 #define LEFT_SKIN (!WITHOUT_LEFT_GAZE && !WITHOUT_PERIOCULAR)
 #define RIGHT_SKIN (!WITHOUT_RIGHT_GAZE && !WITHOUT_PERIOCULAR)
 #define RESTS (WITHOUT_EXPRESSION || WITHOUT_POSE_RESIDUAL || !LEFT_SKIN || !RIGHT_SKIN)
@@ -115,6 +118,9 @@ using E = Joined<detail::List<>
 #endif
 #if !WITHOUT_HEAD_SHADING
     , detail::List<HeadShading>
+#endif
+#if !WITHOUT_VIEW_COLOR
+    , detail::List<ViewColor>
 #endif
     >::type;
 // clang-format on
@@ -412,6 +418,9 @@ struct Case {
 #if !WITHOUT_HEAD_SHADING
     Shading<T> shading;
 #endif
+#if !WITHOUT_VIEW_COLOR
+    ViewColors<T> view_color;
+#endif
     HandDrivers hand;
     HandTrace hand_trace;
 };
@@ -454,6 +463,13 @@ extern "C" __attribute__((noinline)) void by_hand(void* with) {
     to_world(B{}, t.head, t.scale, t.gaussians);
 #endif
     hand_eyes(c.eyes, c.config, d, n, t);
+#if !WITHOUT_VIEW_COLOR
+#if !WITHOUT_HEAD_POSE
+    add_view_colors(B{}, c.view_color, {d.camera, t.head.rotation}, t.gaussians);
+#else
+    add_view_colors(B{}, c.view_color, {d.camera, Mat3<T>::Identity()}, t.gaussians);
+#endif
+#endif
 #if !WITHOUT_HEAD_SHADING
     const Index left = c.eyes.left_points < 0 ? c.eyes.position.cols() / 2 : c.eyes.left_points;
     shade(B{}, c.shading, {d.pose.head<3>(), n, left}, t.gaussians.feature, t.shading);
@@ -545,6 +561,10 @@ void fill(Case& c, Index n, Index per_eye) {
 #if !WITHOUT_HEAD_SHADING
     c.shading = {numbers(8, 3, 0.5, 0, 21), numbers(3, n, 1, 0, 22), numbers(3, 2, 1, 0, 23)};
     c.avatar.shading = c.shading;
+#endif
+#if !WITHOUT_VIEW_COLOR
+    c.view_color = {numbers(9, n, 0.1, 0, 24), numbers(9, 2 * per_eye, 0.1, 0, 25)};
+    c.avatar.view_color = c.view_color;
 #endif
     c.drivers.camera = c.hand.camera = Vec3<T>(0.5f, 0.3f, 8.0f);
     c.drivers.expression = c.hand.expression = numbers(k.expression, 1, 1, 0, 17).col(0);

@@ -67,4 +67,5 @@ check GLINT 'Glint|glint_at|mirror_image'
 check PUPIL 'Pupil|StretchEyePoint|iris_of'
 check LID_SHADOW 'LidShadow|LidOfEye|ShadeEyePoint|place_lid'
 check HEAD_SHADING 'Shading|ShadedFrame|LogLight'
+check VIEW_COLOR 'ViewColor|view_color'
 exit $bad
