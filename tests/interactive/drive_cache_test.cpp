@@ -170,6 +170,7 @@ TEST_CASE("drive cache: of a trained avatar is done what its parts read of what 
     Puppet<float, TrainedEffects> p = puppet<float, TrainedEffects>();
     p.avatar.eyes.lid_shadow = p.avatar.eyes.lid_line = {};
     p.avatar.eyes.optics.index = {};
+    p.avatar.view_color = {};
     DriveCache<XsimdBackend<>, float, TrainedEffects> cache({}, p.avatar, p.config, p.roles);
     const auto update = [&] {
         cache.update(p.own());
