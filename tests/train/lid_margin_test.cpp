@@ -58,8 +58,7 @@ struct Subject {
     Subject() {
         config.networks.exp_deform = {24, 24};
         mesh.landmarks = open_eyes();
-        mesh.networks.exp_deform =
-            FaceNetworks<double>::init(config, Random{5, 0}).exp_deform;
+        mesh.networks.exp_deform = FaceNetworks<double>::init(config, Random{5, 0}).exp_deform;
         init.grid = tiny_grid();
         init.mouth_points = 9;
         init.eye_centre = eye_centres();
@@ -147,7 +146,8 @@ TEST_CASE("lid margin: rows beside both lids' lines, and the caruncle between th
     CHECK((mirrored - margin.points.rightCols(margin.left)).norm() < 1e-9);
 }
 
-TEST_CASE("lid margin: the face gets small Gaussians like the skin beside them, and none when off") {
+TEST_CASE(
+    "lid margin: the face gets small Gaussians like the skin beside them, and none when off") {
     const Subject s;
     const TwoStream<double> off = s.avatar(0), on = s.avatar(spacing);
     const Index n = off.face.position.cols(), all = on.face.position.cols();

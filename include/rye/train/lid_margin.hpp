@@ -46,17 +46,15 @@ Columns<T> smooth_line(const Columns<T>& through, std::type_identity_t<T> spacin
             if (at.size() > 1)
                 length.push_back(length.back() + (at.back() - at[at.size() - 2]).norm());
         }
-    const Index pieces =
-        std::max<Index>(1, static_cast<Index>(std::ceil(length.back() / spacing)));
+    const Index pieces = std::max<Index>(1, static_cast<Index>(std::ceil(length.back() / spacing)));
     Columns<T> line(3, pieces + 1);
     std::size_t next = 1;
     for (Index i = 0; i <= pieces; ++i) {
         const T wanted = length.back() * T(i) / T(pieces);
         while (next + 1 < at.size() && length[next] < wanted) ++next;
         const T piece = length[next] - length[next - 1];
-        const T share = piece > T(0)
-                            ? std::clamp((wanted - length[next - 1]) / piece, T(0), T(1))
-                            : T(0);
+        const T share =
+            piece > T(0) ? std::clamp((wanted - length[next - 1]) / piece, T(0), T(1)) : T(0);
         line.col(i) = at[next - 1] + share * (at[next] - at[next - 1]);
     }
     return line;
@@ -155,10 +153,9 @@ LidMargin<T> lid_margin_points(const Columns<T>& landmarks, const Columns<T>& ce
     for (int eye = 0; eye < 2; ++eye) {
         const LidLines<T> lids = lid_lines<T>(landmarks, eye, spacing);
         const Vec3<T> middle = centre.col(eye);
-        for (const Columns<T>& part :
-             {detail::lid_rows<T>(lids.upper, lids.lower, middle, spacing),
-              detail::lid_rows<T>(lids.lower, lids.upper, middle, spacing),
-              detail::caruncle<T>(lids, spacing)}) {
+        for (const Columns<T>& part : {detail::lid_rows<T>(lids.upper, lids.lower, middle, spacing),
+                                       detail::lid_rows<T>(lids.lower, lids.upper, middle, spacing),
+                                       detail::caruncle<T>(lids, spacing)}) {
             Columns<T> more(3, all.cols() + part.cols());
             more << all, part;
             all = std::move(more);
