@@ -37,7 +37,7 @@ struct ViewColors {
 };
 
 /// Numbers of a Gaussian for colours of a degree, 3K.
-constexpr Index view_color_numbers(int degree) { return 3 * Index(sh_count(degree) - 1); }
+RYE_HD constexpr Index view_color_numbers(int degree) { return 3 * Index(sh_count(degree) - 1); }
 
 /// Colours of a degree, 1 to 3, that change nothing yet.
 template <class T>
