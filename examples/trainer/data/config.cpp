@@ -583,7 +583,7 @@ TrainConfig preset(const std::string& name) {
     g.rates.eye_feature = 1e-2;
     g.rates.kappa = 0; // stays as the irises told it (corrections/found_kappa.hpp)
     g.rates.shading = 1e-2;
-    g.rates.view_color = 1e-4;
+    g.rates.view_color = 1e-3;
     g.rates.eye_offset = 0;
     g.lid_steps = 2000;
     g.upsampler.capacity = 8;
