@@ -121,8 +121,9 @@ ShadedFrame<T> shaded_frame(const TwoStream<T, E>& avatar, const Drivers<T, E>& 
             avatar.eyes.points_of(0)};
 }
 
-/// The head of a driven frame, of effects with ViewColor, before its camera.
+/// The head of a driven frame before its camera.
 template <class T, EffectSet E>
+    requires has_effect<E, ViewColor>
 SeenHead<T> seen_head_of(const Drivers<T, E>& drivers, const TwoStreamTrace<T, E>& trace) {
     if constexpr (has_effect<E, HeadPose>)
         return seen_head_of(drivers, trace.head);

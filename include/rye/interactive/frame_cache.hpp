@@ -11,8 +11,7 @@
 ///     expression, pose    influenced       the same, or all if many moved    the same
 ///     background          none             blending                          whole
 ///     camera, dilation    highlights,      whole                             whole
-///                         refraction,
-///                         colours by it
+///                         refraction
 ///
 /// Every image equals that of drive(), Rasterizer::forward and upsampler_forward, bit for bit.
 /// Memory: see bytes().
