@@ -202,16 +202,23 @@ struct KeptBeside {
     }
 };
 
-/// Frames of kept work against the same frames by single launches: `device` may have graphs.
-/// Returns the number of graphs when all kinds of frames were drawn.
-template <class Device, class Plain>
-std::size_t kept_frames_drawn(const Device& device, const Plain& plain, const CudaQueue& queue) {
-    using E = PaperEffects;
+/// An avatar of large Gaussians whose super-resolution doubles no size.
+template <EffectSet E>
+AvatarCase<E> large_at_its_size() {
     AvatarCase<E> c = case_with_parts<E>();
     UpsamplerShape shape = c.avatar.upsampler.shape;
     shape.doublings = 0;
     c.avatar.upsampler = Upsampler<float>::init(shape, Random{5, 0});
     c.avatar.face.log_scale.array() += 1.0F;
+    return c;
+}
+
+/// Frames of kept work against the same frames by single launches: `device` may have graphs.
+/// Returns the number of graphs when all kinds of frames were drawn.
+template <class Device, class Plain>
+std::size_t kept_frames_drawn(const Device& device, const Plain& plain, const CudaQueue& queue) {
+    using E = PaperEffects;
+    const AvatarCase<E> c = large_at_its_size<E>();
     KeptBeside<E, Device, Plain> both(device, plain, queue, c);
     const Pinhole<float> camera = tiny_camera(16, 14).cast<float>();
     Pinhole<float> moved = camera, longer = camera, shifted = camera;
@@ -274,11 +281,7 @@ std::size_t kept_frames_drawn(const Device& device, const Plain& plain, const Cu
 template <class Device, class Plain>
 void kept_frames_without_gaze(const Device& device, const Plain& plain, const CudaQueue& queue) {
     using E = Effects<Expression, HeadPose, CornealBulge>;
-    AvatarCase<E> c = case_with_parts<E>();
-    UpsamplerShape shape = c.avatar.upsampler.shape;
-    shape.doublings = 0;
-    c.avatar.upsampler = Upsampler<float>::init(shape, Random{5, 0});
-    c.avatar.face.log_scale.array() += 1.0F;
+    const AvatarCase<E> c = large_at_its_size<E>();
     KeptBeside<E, Device, Plain> both(device, plain, queue, c);
     Pinhole<float> camera = tiny_camera(16, 14).cast<float>();
     Drivers<float, E> drivers = c.drivers;
